@@ -1,0 +1,1 @@
+"""Instruments: chambers, digitisers and indexing heads, over the bytes they speak."""

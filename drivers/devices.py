@@ -1,0 +1,171 @@
+"""What a chamber, a digitiser and an indexing head are to everybody above them.
+
+Real instruments and emulated ones are reached through the same drivers; every driver satisfies
+one of these protocols and passes the conformance suite in `tests/drivers`. Units: °C, °, s.
+All calls raise `drivers.errors.InstrumentError` and nothing else of their own.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Protocol
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Range:
+    """A closed interval; set points outside it are refused, never clipped."""
+
+    lo: float
+    hi: float
+
+    def __contains__(self, value: float) -> bool:
+        return self.lo <= value <= self.hi
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SafeResult:
+    """What `make_safe` did and what reading back showed; `verified` only if every check held."""
+
+    verified: bool
+    steps: tuple[str, ...]  # one line each, in order: what was written, what was read back
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ScanChannel:
+    """One channel of a scan: what to measure there."""
+
+    number: int
+    quantity: str  # "voltage" (V) or "resistance" (ohm)
+    full_scale: float  # V or ohm: the range to measure in
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ChannelReading:
+    """One channel of one scan."""
+
+    channel: int
+    value: float  # V or ohm; nan when the instrument reported an overload or an open input
+    offset_s: float  # since the scan began, by the instrument's own clock
+    ok: bool = True
+
+
+@dataclass(slots=True)
+class LinkCounters:
+    """What the link went through; a run stores it. Nothing is retried without being counted."""
+
+    exchanges: int = 0
+    retries: int = 0
+    timeouts: int = 0
+    reconnects: int = 0
+    bad_replies: int = 0
+    last_fault: str = ""
+    by_command: dict[str, int] = field(default_factory=dict[str, int])
+
+
+class Device(Protocol):
+    """What every instrument has."""
+
+    @property
+    def name(self) -> str:
+        """The instrument's name in the station file, for messages."""
+        ...
+
+    @property
+    def counters(self) -> LinkCounters:
+        """Exchanges, retries and faults so far."""
+        ...
+
+    def identify(self) -> str:
+        """Ask the instrument who it is and check that it is what the station file says."""
+        ...
+
+    def read_settings(self) -> Mapping[str, str | float]:
+        """Read the settings worth keeping with a run."""
+        ...
+
+    def close(self) -> None:
+        """Release the port; harmless when done twice. Changes nothing in the instrument."""
+        ...
+
+
+class Chamber(Device, Protocol):
+    """A thermal chamber with one temperature loop."""
+
+    @property
+    def limits_c(self) -> Range:
+        """Set points outside are refused."""
+        ...
+
+    @property
+    def rate_limits_c_per_min(self) -> Range:
+        """Ramp rates the instrument can express and the station allows."""
+        ...
+
+    def read_temp_c(self) -> float:
+        """Read the chamber's own temperature; `DeviceError` on a broken sensor."""
+        ...
+
+    def read_setpoint_c(self) -> float:
+        """Read the set point the loop follows now (during a ramp it moves)."""
+        ...
+
+    def hold_temp_c(self, temp_c: float) -> None:
+        """Go to `temp_c` as fast as the chamber does, and hold."""
+        ...
+
+    def ramp_to_c(self, temp_c: float, rate_c_per_min: float) -> None:
+        """Move the set point from where the chamber is to `temp_c` uniformly, and hold there."""
+        ...
+
+    def read_alarms(self) -> tuple[str, ...]:
+        """Read the faults the chamber reports of itself, in words; empty when there are none."""
+        ...
+
+    def make_safe(self, temp_c: float) -> SafeResult:
+        """End any ramp or profile, hold `temp_c`, and verify both by reading back.
+
+        Idempotent; tries every step even when one fails. It never raises an InstrumentError: the
+        failure is in the result.
+        """
+        ...
+
+
+class Digitiser(Device, Protocol):
+    """A scanning multimeter."""
+
+    def configure(self, channels: Sequence[ScanChannel], *, nplc: float = 1.0) -> None:
+        """Set what each channel measures and the scan list."""
+        ...
+
+    def scan(self) -> tuple[ChannelReading, ...]:
+        """Take one scan of all channels, in the order configured; blocks until done."""
+        ...
+
+
+class IndexingHead(Device, Protocol):
+    """One rotary axis."""
+
+    @property
+    def limits_deg(self) -> Range:
+        """Angles outside are refused."""
+        ...
+
+    @property
+    def speed_deg_per_s(self) -> float:
+        """The speed the axis turns at."""
+        ...
+
+    def move_to_deg(self, angle_deg: float) -> None:
+        """Start a move; returns while the axis turns."""
+        ...
+
+    def is_moving(self) -> bool:
+        """Tell whether the axis still turns."""
+        ...
+
+    def read_position_deg(self) -> float:
+        """Read where the axis is, by its encoder."""
+        ...
+
+    def stop(self) -> None:
+        """Stop the axis where it is."""
+        ...

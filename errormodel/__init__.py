@@ -1,0 +1,1 @@
+"""The core: an error model is a tuple of named terms."""

@@ -1,0 +1,1 @@
+"""Accelerometers over temperature: sequences, station, store, models, compensation."""

@@ -1,0 +1,1 @@
+"""The thin shell: command line and reports."""
