@@ -55,7 +55,9 @@ class NotSeparableError(WorkbenchError):
             f"{g[0]} (it has no effect there)" if len(g) == 1 else " ~ ".join(g)
             for g in self.groups
         )
-        super().__init__(f"{what} cannot separate: {text}; leave one of each group out of the model")
+        super().__init__(
+            f"{what} cannot separate: {text}; leave one of each group out of the model"
+        )
 
 
 class StoreError(WorkbenchError):

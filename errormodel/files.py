@@ -56,7 +56,11 @@ def check(data: Any, config: type[Config], source: Path | str) -> Config:
         first = err.errors(include_url=False)[0]
         place = ".".join(str(part) for part in first["loc"])
         got = first.get("input")
-        shown = "" if isinstance(got, dict | list | BaseModel) or first["type"] == "missing" else f" (got {got!r:.60})"
+        shown = (
+            ""
+            if isinstance(got, dict | list | BaseModel) or first["type"] == "missing"
+            else f" (got {got!r:.60})"
+        )
         more = f"; {err.error_count() - 1} more like it" if err.error_count() > 1 else ""
         message = first["msg"].removeprefix("Value error, ")
         raise InputError(source, place, f"{message}{shown}{more}") from None

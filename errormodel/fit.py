@@ -1,0 +1,388 @@
+"""Batch least squares of an error model, with sigmas that hold under slow drift.
+
+The output is linear in the products of scale and input columns whatever the coefficients, so the
+whitened products are compressed once by QR; Gauss-Newton on the physical coefficients then runs on
+a matrix as small as the model, for one channel or for a thousand that shared their inputs.
+Nonlinear parameters are fitted continuously outside of that (variable projection).
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import linalg, optimize
+
+from errormodel.arrays import FloatArray, freeze, readonly
+from errormodel.errors import NotSeparableError
+from errormodel.model import ErrorModel
+from errormodel.noise import NoiseFit, NoiseModel, estimate_noise
+from errormodel.record import Record
+from errormodel.separability import Separability, separability
+
+MAX_STEPS = 30
+# Gauss-Newton stops when a step is this small in sigmas: far below any digit that is reported.
+STEP_SIGMAS = 1e-7
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class ModelFit:
+    """Estimates with their covariance; `names` labels every axis.
+
+    Attributes
+    ----------
+    model : ErrorModel
+    names : tuple of str
+    values : ndarray, shape (p,)
+        In the model's unit.
+    cov : ndarray, shape (p, p)
+        Covariance, with the share that comes from not knowing the noise exactly.
+    noise : NoiseModel
+        What was estimated, or given.
+    rms : float
+        Root mean square of the residual over readings, unit of the input.
+    n : int
+        Readings used.
+    condition : float
+        Condition number of the whitened derivative, columns scaled to unit length.
+    """
+
+    model: ErrorModel
+    names: tuple[str, ...]
+    values: FloatArray
+    cov: FloatArray
+    noise: NoiseModel
+    rms: float
+    n: int
+    condition: float
+
+    def __post_init__(self) -> None:
+        freeze(self, values=readonly(self.values), cov=readonly(self.cov))
+
+    @property
+    def sigmas(self) -> FloatArray:
+        """Standard deviations, shape (p,)."""
+        return np.sqrt(np.diag(self.cov))
+
+    def as_dict(self) -> dict[str, float]:
+        """Return name → value, as `ErrorModel.simulate` takes it."""
+        return dict(zip(self.names, self.values.tolist(), strict=True))
+
+    def value(self, name: str) -> float:
+        """Return one estimate."""
+        return float(self.values[self.names.index(name)])
+
+    def sigma(self, name: str) -> float:
+        """Return one standard deviation."""
+        return float(self.sigmas[self.names.index(name)])
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Compressed:
+    """Whitened products and outputs, rotated so that only as many rows are left as columns."""
+
+    triangle: FloatArray  # (≤ P, P)
+    target: FloatArray  # (≤ P, m)
+    rest2: FloatArray  # (m,): squared length of what no combination of products explains
+
+
+def compress(products: FloatArray, outputs: FloatArray) -> Compressed:
+    """Rotate whitened products (n, P) and outputs (n, m) into a triangle of P rows."""
+    q, triangle = linalg.qr(products, mode="economic", check_finite=False)
+    target = q.T @ outputs
+    rest2 = np.sum((outputs - q @ target) ** 2, axis=0)
+    return Compressed(triangle=triangle, target=target, rest2=rest2)
+
+
+def solve_compressed(
+    model: ErrorModel, data: Compressed, start: Mapping[str, float]
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Run Gauss-Newton on compressed data, for all its channels at once.
+
+    Returns
+    -------
+    values : ndarray, shape (m, p)
+        The linear coefficients, in the order of `model.coefficients`.
+    information : ndarray, shape (m, p, p)
+        JᵀJ at the solution.
+    cost : ndarray, shape (m,)
+        Whitened sum of squares.
+    """
+    m = data.target.shape[1]
+    names = [c.name for c in model.coefficients]
+    values = np.tile([start[name] for name in names], (m, 1)).astype(float)
+    information = np.zeros((m, len(names), len(names)))
+    for _ in range(MAX_STEPS):
+        weights, jacobian = model.product_weights(values)
+        residual = data.target.T - weights @ data.triangle.T
+        columns = np.einsum("rp,mpc->mrc", data.triangle, jacobian)
+        norms = np.linalg.norm(columns, axis=1)
+        norms = np.where(norms > 0, norms, 1.0)
+        q, r = np.linalg.qr(columns / norms[:, None, :])
+        step = np.linalg.solve(r, np.einsum("mrc,mr->mc", q, residual)[..., None])[..., 0] / norms
+        values = values + step
+        information = np.einsum("mrc,mrd->mcd", columns, columns)
+        if np.all(np.einsum("mc,mcd,md->m", step, information, step) < STEP_SIGMAS**2):
+            break
+    weights, _ = model.product_weights(values)
+    residual = data.target.T - weights @ data.triangle.T
+    return values, information, np.sum(residual**2, axis=1) + data.rest2
+
+
+def fit(
+    model: ErrorModel,
+    record: Record,
+    *,
+    noise: NoiseModel | None = None,
+    start: Mapping[str, float] | None = None,
+) -> ModelFit:
+    """Fit a model to one channel's measured output.
+
+    Parameters
+    ----------
+    model : ErrorModel
+    record : Record
+        With `output` of shape (n,), in the unit of the model's input.
+    noise : NoiseModel, optional
+        The noise when it is known; by default white noise and drift are estimated with it.
+    start : mapping, optional
+        Start values by name; default: an ideal channel.
+
+    Returns
+    -------
+    ModelFit
+
+    Raises
+    ------
+    NotSeparableError
+        If the data cannot separate some coefficients; it names them.
+    ValueError
+        If the record has no output or fewer readings than unknowns.
+    """
+    output = _single_output(model, record)
+    values = {**model.start_values(), **(start or {})}
+    _refuse_confounded(model, record, values, NoiseModel(white=1.0), known_sigma=0.0)
+    assumed = noise or NoiseModel(white=1.0)
+    found: NoiseFit | None = None
+    for _ in range(1 if noise else 3):
+        values = _solve(model, record, output, assumed, values)
+        if noise is None:
+            columns = derivative(model, record, values)
+            found = estimate_noise(record, output - model.simulate(record, values), columns)
+            assumed = found.noise
+    _refuse_confounded(model, record, values, assumed, known_sigma=1.0)
+    support = found.support if found else ((1.0, assumed),)
+    return _result(model, record, output, assumed, support, values)
+
+
+def _single_output(model: ErrorModel, record: Record) -> FloatArray:
+    if record.output is None or record.output.ndim != 1:
+        raise ValueError("the record must have one measured output")
+    if len(record) <= len(model.names):
+        raise ValueError(f"{len(record)} readings cannot give {len(model.names)} unknowns")
+    return record.output
+
+
+def _solve(
+    model: ErrorModel,
+    record: Record,
+    output: FloatArray,
+    noise: NoiseModel,
+    values: dict[str, float],
+) -> dict[str, float]:
+    """Return the least-squares values under a known noise."""
+    names = [c.name for c in model.coefficients]
+
+    def inner(parameters: Mapping[str, float]) -> tuple[dict[str, float], float]:
+        """Return the coefficients and the cost with the nonlinear parameters held."""
+        design, _ = model.design(record, parameters)
+        whitened = noise.whiten(record, np.column_stack([design.products(), output]))
+        coefficients, _, cost = solve_compressed(
+            model, compress(whitened[:, :-1], whitened[:, -1:]), values
+        )
+        return {**parameters, **dict(zip(names, coefficients[0].tolist(), strict=True))}, float(
+            cost[0]
+        )
+
+    held = {p.name: values[p.name] for p in model.parameters}
+    if not held:
+        return inner(held)[0]
+    return inner(_best_parameters(model, held, lambda at: inner(at)[1]))[0]
+
+
+def _best_parameters(
+    model: ErrorModel, held: Mapping[str, float], cost: Callable[[Mapping[str, float]], float]
+) -> dict[str, float]:
+    """Search the nonlinear parameters within their bounds: a scan, then a bounded simplex."""
+    names = list(held)
+    bounds = [(p.lo, p.hi) for p in model.parameters]
+    best = dict(held)
+    lowest = cost(best)
+    for p in model.parameters:  # one at a time: enough to land in the right valley
+        grid = np.geomspace(p.lo, p.hi, 12) if p.lo > 0 else np.linspace(p.lo, p.hi, 13)
+        for value in grid:
+            tried = {**best, p.name: float(value)}
+            if (c := cost(tried)) < lowest:
+                best, lowest = tried, c
+    found = optimize.minimize(
+        lambda at: cost(dict(zip(names, at.tolist(), strict=True))),
+        [best[n] for n in names],
+        method="Nelder-Mead",
+        bounds=bounds,
+        options={"xatol": 1e-6, "fatol": 1e-6, "maxiter": 400 * len(names)},
+    )
+    return dict(zip(names, found.x.tolist(), strict=True))
+
+
+def derivative(model: ErrorModel, record: Record, values: Mapping[str, float]) -> FloatArray:
+    """Compute the derivative of the output by every unknown.
+
+    Nonlinear parameters are differenced centrally over 1e-4 of their range.
+
+    Returns
+    -------
+    ndarray, shape (n, p)
+        Columns in the order of `model.names`.
+    """
+    design, _ = model.design(record, values)
+    at = np.array([[values[c.name] for c in model.coefficients]])
+    columns = [design.products() @ model.product_weights(at)[1][0]]
+    for p in model.parameters:
+        step = 1e-4 * (p.hi - p.lo)
+        lo, hi = max(values[p.name] - step, p.lo), min(values[p.name] + step, p.hi)
+        above = model.simulate(record, {**values, p.name: hi})
+        below = model.simulate(record, {**values, p.name: lo})
+        columns.append(((above - below) / (hi - lo))[:, None])
+    return np.hstack(columns)
+
+
+def examine(
+    model: ErrorModel,
+    record: Record,
+    values: Mapping[str, float],
+    noise: NoiseModel,
+    *,
+    known_sigma: float = 1.0,
+) -> Separability:
+    """Tell what a record can separate of a model, before or after there is an output."""
+    columns = noise.whiten(record, derivative(model, record, values))
+    limits = [c.limit for c in model.coefficients] + [None] * len(model.parameters)
+    return separability(columns, model.names, known_sigma, limits)
+
+
+def _refuse_confounded(
+    model: ErrorModel,
+    record: Record,
+    values: Mapping[str, float],
+    noise: NoiseModel,
+    known_sigma: float,
+) -> None:
+    # A nonlinear parameter has no effect while its coefficient is still zero: judge it afterwards.
+    judged = model.names if known_sigma else [c.name for c in model.coefficients]
+    confounded = examine(model, record, values, noise, known_sigma=known_sigma).confounded
+    groups = [group for group in confounded if set(group) <= set(judged)]
+    if groups:
+        raise NotSeparableError(groups)
+
+
+def _result(
+    model: ErrorModel,
+    record: Record,
+    output: FloatArray,
+    noise: NoiseModel,
+    support: tuple[tuple[float, NoiseModel], ...],
+    values: dict[str, float],
+) -> ModelFit:
+    """Put the result together; the covariance is averaged over the noise the data allow."""
+    columns = derivative(model, record, values)
+    residual = output - model.simulate(record, values)
+    norms = np.linalg.norm(columns, axis=0)
+    norms = np.where(norms > 0, norms, 1.0)
+    joint = np.column_stack([columns / norms, residual])
+
+    def linear(shape: NoiseModel) -> tuple[FloatArray, FloatArray, float]:
+        """Return the step the residual asks for, its covariance, and the condition number."""
+        whitened = shape.whiten(record, joint)
+        q, r = linalg.qr(whitened[:, :-1], mode="economic", check_finite=False)
+        inverse = linalg.pinv(r)
+        return inverse @ (q.T @ whitened[:, -1]), inverse @ inverse.T, float(np.linalg.cond(r))
+
+    _, cov, condition = linear(noise)
+    if len(support) > 1:
+        steps, covs = zip(*((s, c) for s, c, _ in (linear(n) for _, n in support)), strict=True)
+        shares = np.array([w for w, _ in support]) / sum(w for w, _ in support)
+        mean = np.einsum("i,ij->j", shares, np.array(steps))
+        apart = np.array(steps) - mean
+        cov = np.einsum("i,ijk->jk", shares, np.array(covs)) + np.einsum(
+            "i,ij,ik->jk", shares, apart, apart
+        )
+    return ModelFit(
+        model=model,
+        names=model.names,
+        values=np.array([values[name] for name in model.names]),
+        cov=cov / np.outer(norms, norms),
+        noise=noise,
+        rms=float(np.sqrt(np.mean(residual**2))),
+        n=len(record),
+        condition=condition,
+    )
+
+
+def fit_many(
+    model: ErrorModel, record: Record, *, noise: NoiseModel | None = None
+) -> tuple[ModelFit, ...]:
+    """Fit one model to many channels that shared their inputs, in one pass.
+
+    Parameters
+    ----------
+    model : ErrorModel
+        Without nonlinear parameters.
+    record : Record
+        With `output` of shape (n, m).
+    noise : NoiseModel, optional
+        The shape of the noise, common to all channels; its size is estimated for each. Default:
+        white.
+
+    Returns
+    -------
+    tuple of ModelFit, length m
+
+    Raises
+    ------
+    NotSeparableError
+        If the data cannot separate some coefficients.
+    ValueError
+        If the model has nonlinear parameters or the record no outputs.
+    """
+    if model.parameters:
+        raise ValueError("fit_many takes models without nonlinear parameters")
+    if record.output is None or record.output.ndim != 2:
+        raise ValueError("the record must have outputs of shape (n, m)")
+    shape = noise or NoiseModel(white=1.0)
+    start = model.start_values()
+    _refuse_confounded(model, record, start, NoiseModel(white=1.0), known_sigma=0.0)
+    products = model.design(record, start)[0].products()
+    p = products.shape[1]
+    whitened = shape.whiten(record, np.column_stack([products, record.output]))
+    values, information, cost = solve_compressed(
+        model, compress(whitened[:, :p], whitened[:, p:]), start
+    )
+    factors = np.sqrt(cost / (len(record) - len(model.names)))
+    residual = record.output - products @ model.product_weights(values)[0].T
+    rms = np.sqrt(np.mean(residual**2, axis=0))
+    scales = np.sqrt(np.einsum("mcc->mc", information))
+    correlation = information / (scales[:, :, None] * scales[:, None, :])
+    cov = np.linalg.inv(correlation) / (scales[:, :, None] * scales[:, None, :])
+    conditions = np.sqrt(np.linalg.cond(correlation))
+    return tuple(
+        ModelFit(
+            model=model,
+            names=model.names,
+            values=values[k],
+            cov=cov[k] * factors[k] ** 2,
+            noise=shape.scaled(float(factors[k])),
+            rms=float(rms[k]),
+            n=len(record),
+            condition=float(conditions[k]),
+        )
+        for k in range(values.shape[0])
+    )

@@ -1,0 +1,213 @@
+"""The error model: a tuple of terms, which simulates and gives the columns to fit."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from errormodel.arrays import FloatArray
+from errormodel.record import Record
+from errormodel.terms import (
+    Coefficient,
+    Effect,
+    InputChange,
+    Memory,
+    Parameter,
+    Place,
+    Term,
+    Values,
+)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Design:
+    """The columns of a model on a record, by place; `base` is the input itself."""
+
+    base: FloatArray  # (n,)
+    scale: FloatArray  # (n, number of scale coefficients)
+    input: FloatArray  # (n, number of input coefficients)
+
+    def products(self) -> FloatArray:
+        """Return every product the output can be made of, shape (n, (1 + ns)·(1 + ni)).
+
+        The output is linear in these whatever the coefficients: the column of scale k and input j
+        stands at ``k·(1 + ni) + j``, with 0 for the 1 before the scale terms and the base.
+        """
+        left = np.column_stack([np.ones_like(self.base), self.scale])
+        right = np.column_stack([self.base, self.input])
+        return (left[:, :, None] * right[:, None, :]).reshape(len(self.base), -1)
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorModel:
+    """A tuple of named terms, for one channel that measures the signal `base`.
+
+    Appending a term is all it takes to add an effect. The output is
+    ``gain · (1 + Σ scale) · (base + Σ input)``, in the unit of `base`.
+
+    Raises
+    ------
+    ValueError
+        If a term, coefficient or parameter name stands twice, or there are two gains.
+    """
+
+    terms: tuple[Effect, ...]
+    base: str = "a_i_g"
+
+    def __post_init__(self) -> None:
+        names = [c.name for t in self.terms for c in t.coefficients]
+        names += [p.name for t in self.terms for p in t.parameters]
+        twice = sorted({n for n in names if names.count(n) > 1})
+        if twice:
+            raise ValueError(f"{', '.join(twice)} stands twice in the model")
+        if len(self.coefficients_in("gain")) > 1:
+            raise ValueError("a channel has one gain")
+
+    def coefficients_in(self, place: Place) -> tuple[Coefficient, ...]:
+        """Return the coefficients that enter at a place, in the order of the terms."""
+        return tuple(
+            c
+            for t in self.terms
+            if isinstance(t, Term) and t.place == place
+            for c in t.coefficients
+        )
+
+    @cached_property
+    def coefficients(self) -> tuple[Coefficient, ...]:
+        """The linear unknowns: gain, scale, then input; the order of every vector and matrix."""
+        return tuple(c for place in ("gain", "scale", "input") for c in self.coefficients_in(place))
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The nonlinear unknowns, in the order of the terms; they follow the coefficients."""
+        return tuple(p for t in self.terms for p in t.parameters)
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Names of all unknowns, in the order of every vector and matrix."""
+        return tuple(u.name for u in (*self.coefficients, *self.parameters))
+
+    @cached_property
+    def needs(self) -> frozenset[str]:
+        """The signals a record must have."""
+        return frozenset([self.base]).union(*(t.needs for t in self.terms))
+
+    def with_terms(self, *terms: Effect) -> "ErrorModel":
+        """Return the model with terms appended."""
+        return ErrorModel((*self.terms, *terms), self.base)
+
+    def without(self, *names: str) -> "ErrorModel":
+        """Return the model without the terms named."""
+        return ErrorModel(tuple(t for t in self.terms if t.name not in names), self.base)
+
+    def start_values(self) -> dict[str, float]:
+        """Return the values of an ideal channel: gain one, no error, parameters at their start."""
+        gain = {c.name: 1.0 for c in self.coefficients_in("gain")}
+        rest = {c.name: 0.0 for c in self.coefficients if c.name not in gain}
+        return {**gain, **rest, **{p.name: p.start for p in self.parameters}}
+
+    def design(
+        self, record: Record, values: Values, memory: Mapping[str, Memory] | None = None
+    ) -> tuple[Design, dict[str, Memory]]:
+        """Evaluate every term's columns.
+
+        Parameters
+        ----------
+        record : Record
+            Has the signals in `needs`.
+        values : mapping of str to float
+            The nonlinear parameters at least.
+        memory : mapping, optional
+            What an earlier call returned, to go on with the same run after its last reading.
+
+        Returns
+        -------
+        Design, dict
+            The columns by place, and the memory after the record's last reading.
+
+        Raises
+        ------
+        ValueError
+            If the record lacks a signal.
+        """
+        missing = sorted(self.needs - set(record.signals))
+        if missing:
+            raise ValueError(f"the record lacks {', '.join(missing)}")
+        before: Mapping[str, Memory] = memory or {}
+        after: dict[str, Any] = {}
+        for change in (t for t in self.terms if isinstance(t, InputChange)):
+            record, after[change.name] = change.change(record, values, before.get(change.name))
+        n = len(record)
+        columns: dict[Place, list[FloatArray]] = {"gain": [], "scale": [], "input": []}
+        for term in (t for t in self.terms if isinstance(t, Term)):
+            block, after[term.name] = term.columns(record, values, before.get(term.name))
+            columns[term.place].append(block)
+        blocks = {p: np.hstack([np.zeros((n, 0)), *found]) for p, found in columns.items()}
+        return Design(base=record[self.base], scale=blocks["scale"], input=blocks["input"]), after
+
+    def simulate(self, record: Record, values: Values) -> FloatArray:
+        """Compute the output of a channel with the coefficients and parameters given.
+
+        Parameters
+        ----------
+        record : Record
+            The inputs.
+        values : mapping of str to float
+            Every name in `names`, in the model's unit.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            Output in the unit of `base`, noise-free.
+
+        Raises
+        ------
+        ValueError
+            If the record lacks a signal.
+        """
+        return self.continue_simulation(record, values, None)[0]
+
+    def continue_simulation(
+        self, record: Record, values: Values, memory: Mapping[str, Memory] | None
+    ) -> tuple[FloatArray, dict[str, Memory]]:
+        """Compute the output and return the memory, to go on from the record's last reading."""
+        design, after = self.design(record, values, memory)
+        gain, scale, inputs = (
+            np.array([values[c.name] for c in self.coefficients_in(place)])
+            for place in ("gain", "scale", "input")
+        )
+        measured = (1.0 + design.scale @ scale) * (design.base + design.input @ inputs)
+        return (gain[0] if gain.size else 1.0) * measured, after
+
+    def product_weights(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return what `Design.products` are multiplied by, for m channels at once.
+
+        Parameters
+        ----------
+        values : ndarray, shape (m, number of coefficients)
+            In the order of `coefficients`.
+
+        Returns
+        -------
+        weights : ndarray, shape (m, P)
+            The output is ``products @ weights[channel]``.
+        jacobian : ndarray, shape (m, P, number of coefficients)
+            Derivative of the weights by the coefficients.
+        """
+        m = values.shape[0]
+        n_gain = len(self.coefficients_in("gain"))
+        n_scale = len(self.coefficients_in("scale"))
+        ones = np.ones((m, 1))
+        gain = values[:, :n_gain] if n_gain else ones
+        scale = np.hstack([ones, values[:, n_gain : n_gain + n_scale]])
+        inputs = np.hstack([ones, values[:, n_gain + n_scale :]])
+        plain = (scale[:, :, None] * inputs[:, None, :]).reshape(m, -1)
+        by_scale = np.einsum("sk,mi->msik", np.eye(scale.shape[1])[:, 1:], inputs)
+        by_input = np.einsum("ms,ik->msik", scale, np.eye(inputs.shape[1])[:, 1:])
+        pieces = [plain[:, :, None]] if n_gain else []
+        pieces += [
+            gain[:, :, None] * d.reshape(m, plain.shape[1], -1) for d in (by_scale, by_input)
+        ]
+        return gain * plain, np.concatenate(pieces, axis=2)

@@ -1,0 +1,245 @@
+"""Noise of a channel: white noise plus slow drift, and how it is estimated.
+
+Slow drift is an Ornstein-Uhlenbeck process (first-order Gauss-Markov) that starts afresh in each
+run: stationary sigma `drift` and correlation time `drift_tau_s`. Treating it as white would make
+every sigma of a bias several times too small. Whitening is the innovation sequence of the Kalman
+filter of that process (the Cholesky factor of the covariance, in linear time), applied to the
+observations and to every column alike.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+from scipy import linalg, optimize
+
+from errormodel.arrays import FloatArray, IntArray
+from errormodel.record import Record
+
+
+@numba.njit(cache=True)
+def _whiten(
+    time_s: FloatArray, run: IntArray, ratio2: float, tau_s: float, columns: FloatArray
+) -> tuple[FloatArray, float]:
+    n, m = columns.shape
+    out = np.empty((n, m))
+    mean = np.zeros(m)
+    variance = ratio2
+    log_det = 0.0
+    for k in range(n):
+        if k > 0 and run[k] == run[k - 1]:
+            keep = np.exp(-(time_s[k] - time_s[k - 1]) / tau_s)
+            variance = ratio2 + keep * keep * (variance - ratio2)
+        else:
+            keep = 0.0
+            variance = ratio2
+        total = variance + 1.0
+        gain = variance / total
+        root = 1.0 / np.sqrt(total)
+        log_det += np.log(total)
+        for j in range(m):
+            predicted = keep * mean[j]
+            innovation = columns[k, j] - predicted
+            mean[j] = predicted + gain * innovation
+            out[k, j] = innovation * root
+        variance = variance * (1.0 - gain)
+    return out, log_det
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NoiseModel:
+    """White noise of sigma `white` per reading plus drift of sigma `drift`, correlated in time.
+
+    Parameters
+    ----------
+    white : float
+        Sigma of the part that is new in each reading, in the unit of the model's input.
+    drift : float
+        Stationary sigma of the slow part; 0 for white noise alone.
+    drift_tau_s : float
+        Correlation time of the slow part, s.
+    """
+
+    white: float
+    drift: float = 0.0
+    drift_tau_s: float = 3600.0
+
+    @property
+    def ratio2(self) -> float:
+        """Variance of the drift over that of the white part."""
+        return (self.drift / self.white) ** 2
+
+    def whiten(self, record: Record, columns: FloatArray) -> FloatArray:
+        """Return `columns` decorrelated and scaled to unit variance, shape as given (n, m)."""
+        return self._whiten(record, columns)[0] / self.white
+
+    def _whiten(self, record: Record, columns: FloatArray) -> tuple[FloatArray, float]:
+        if self.drift == 0.0:
+            return np.asarray(columns, dtype=float), 0.0
+        data = np.ascontiguousarray(columns, dtype=float)
+        return _whiten(record.time_s, record.run, self.ratio2, self.drift_tau_s, data)
+
+    def scaled(self, factor: float) -> "NoiseModel":
+        """Return the same shape of noise, `factor` times as large."""
+        return NoiseModel(
+            white=self.white * factor, drift=self.drift * factor, drift_tau_s=self.drift_tau_s
+        )
+
+    def sample(self, record: Record, rng: np.random.Generator) -> FloatArray:
+        """Draw noise for a record, shape (n,); each run's drift starts from its stationary law."""
+        noise = self.white * rng.standard_normal(len(record))
+        if self.drift == 0.0:
+            return noise
+        for readings in record.run_slices:
+            keep = np.exp(-np.diff(record.time_s[readings]) / self.drift_tau_s)
+            kicks = rng.standard_normal(keep.size + 1)
+            state = kicks[0]
+            drift = [state]
+            for k, kick in zip(keep, kicks[1:], strict=True):
+                state = k * state + np.sqrt(1.0 - k * k) * kick
+                drift.append(state)
+            noise[readings] += self.drift * np.array(drift)
+        return noise
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NoiseFit:
+    """The noise that a set of residuals shows.
+
+    `support` are the other noise models the data allow, each with its share of the likelihood:
+    sigmas that ignored how roughly drift is known from a few runs would be too small.
+    """
+
+    noise: NoiseModel
+    support: tuple[tuple[float, NoiseModel], ...]
+
+
+def estimate_noise(record: Record, residual: FloatArray, columns: FloatArray) -> NoiseFit:
+    """Estimate white noise and drift by restricted maximum likelihood (REML).
+
+    The likelihood is that of the error contrasts, so what the fit of `columns` absorbed of the
+    drift is accounted for. Drift correlation times between three sampling intervals and three
+    times the longest run are searched.
+
+    Parameters
+    ----------
+    record : Record
+        Times and runs.
+    residual : ndarray, shape (n,)
+        Residual at some value of the coefficients (any: they are profiled out).
+    columns : ndarray, shape (n, p)
+        Derivative of the model by its unknowns.
+
+    Returns
+    -------
+    NoiseFit
+
+    References
+    ----------
+    Harville, D. A. (1977), Maximum likelihood approaches to variance component estimation and to
+    related problems, JASA 72, eq. for the restricted likelihood.
+    """
+    stacked = np.column_stack([columns, residual])
+    norms = np.linalg.norm(stacked, axis=0)
+    stacked = stacked / np.where(norms > 0, norms, 1.0)
+    scale = float(norms[-1])
+    dof = max(len(record) - columns.shape[1], 1)
+    steps = np.concatenate([np.diff(record.time_s[r]) for r in record.run_slices])
+    spans = [float(np.ptp(record.time_s[r])) for r in record.run_slices]
+    if scale == 0.0 or steps.size < 10:
+        return _white_only(stacked, scale, dof)
+
+    def evaluate(log_ratio: float, log_tau: float) -> tuple[float, float]:
+        """Return the restricted log-likelihood and the white sigma that goes with it."""
+        shape = NoiseModel(white=1.0, drift=np.exp(log_ratio), drift_tau_s=np.exp(log_tau))
+        white, log_det = shape._whiten(record, stacked)
+        return _restricted(white, log_det, dof)
+
+    bounds = (
+        (np.log(0.02), np.log(50.0)),
+        (np.log(3.0 * float(np.median(steps))), np.log(3.0 * max(max(spans), 30.0))),
+    )
+    none, _ = _restricted(stacked, 0.0, dof)
+    best = _maximise(evaluate, bounds)
+    if best[0] <= none + 1e-3:
+        return _white_only(stacked, scale, dof)
+    support = _support(evaluate, best[1], bounds)
+    _, white = evaluate(*best[1])
+    return NoiseFit(
+        noise=_model(best[1], white * scale),
+        support=tuple((w, _model(at, s * scale)) for w, at, s in support),
+    )
+
+
+def _model(at: tuple[float, float], white: float) -> NoiseModel:
+    return NoiseModel(
+        white=white, drift=white * float(np.exp(at[0])), drift_tau_s=float(np.exp(at[1]))
+    )
+
+
+def _white_only(stacked: FloatArray, scale: float, dof: int) -> NoiseFit:
+    _, sigma = _restricted(stacked, 0.0, dof)
+    noise = NoiseModel(white=max(sigma * scale, np.finfo(float).tiny))
+    return NoiseFit(noise=noise, support=((1.0, noise),))
+
+
+def _restricted(white: FloatArray, log_det: float, dof: int) -> tuple[float, float]:
+    """Return the restricted log-likelihood, profiled over the white sigma, and that sigma."""
+    triangle = linalg.qr(white, mode="r", check_finite=False)[0][: white.shape[1]]
+    diagonal = np.abs(np.diag(triangle))
+    rest, inner = diagonal[-1], diagonal[:-1]
+    seen = inner[inner > 1e-9 * inner.max(initial=0.0)]
+    sigma2 = max(float(rest) ** 2 / dof, np.finfo(float).tiny)
+    log_like = -0.5 * (log_det + dof * np.log(sigma2)) - float(np.sum(np.log(seen)))
+    return log_like, float(np.sqrt(sigma2))
+
+
+Evaluate = Callable[[float, float], tuple[float, float]]
+Bounds = tuple[tuple[float, float], tuple[float, float]]
+
+
+def _maximise(evaluate: Evaluate, bounds: Bounds) -> tuple[float, tuple[float, float]]:
+    """Return the best likelihood and where: a coarse grid, then a simplex from its best point."""
+    ratios, taus = (np.linspace(*b, 6)[1:-1] for b in bounds)
+    start = max(((r, t) for r in ratios for t in taus), key=lambda at: evaluate(*at)[0])
+    found = optimize.minimize(
+        lambda at: -evaluate(float(at[0]), float(at[1]))[0],
+        start,
+        method="Nelder-Mead",
+        bounds=bounds,
+        options={"xatol": 0.02, "fatol": 0.01, "maxfev": 120},
+    )
+    return -float(found.fun), (float(found.x[0]), float(found.x[1]))
+
+
+def _support(
+    evaluate: Evaluate, best: tuple[float, float], bounds: Bounds
+) -> list[tuple[float, tuple[float, float], float]]:
+    """Return the noise shapes the data allow on a grid around the best, with their shares.
+
+    Along each axis the grid reaches out to where the log-likelihood has dropped by about 4.5
+    (three sigma), or to the bound.
+    """
+    top = evaluate(*best)[0]
+
+    def reach(axis: int, sign: int) -> float:
+        """Return how far the likelihood stays within 4.5 of its top along an axis."""
+        edge = bounds[axis][sign > 0]
+        step = 0.25
+        at = best[axis]
+        while abs(at - edge) > 1e-9 and step < 16:
+            tried = max(min(best[axis] + sign * step, bounds[axis][1]), bounds[axis][0])
+            point = (tried, best[1]) if axis == 0 else (best[0], tried)
+            at = tried
+            if top - evaluate(*point)[0] > 4.5:
+                break
+            step *= 1.6
+        return at
+
+    axes = [np.linspace(reach(a, -1), reach(a, +1), 7) for a in (0, 1)]
+    points = [(float(r), float(t)) for r in axes[0] for t in axes[1]]
+    values = [evaluate(*p) for p in points]
+    shares = np.exp(np.array([v[0] for v in values]) - max(v[0] for v in values))
+    shares /= shares.sum()
+    return [(float(w), p, v[1]) for w, p, v in zip(shares, points, values, strict=True) if w > 1e-3]

@@ -1,0 +1,88 @@
+"""What one channel saw: named input signals on one time base, cut into runs."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from errormodel.arrays import FloatArray, IntArray, freeze, readonly, readonly_int
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Record:
+    """Inputs of one channel, and its output when it has been measured.
+
+    Parameters
+    ----------
+    time_s : array_like, shape (n,)
+        Seconds from the start of each run, increasing within a run.
+    signals : mapping of str to array_like, shape (n,)
+        What acted on the channel, by name, unit in the name.
+    run : array_like of int, shape (n,), optional
+        Which run a reading belongs to: 0, 1, …; readings of a run stand together. Default: one run.
+    output : array_like, shape (n,) or (n, m), optional
+        What was measured, in the unit of the model's input; m channels that shared the inputs.
+
+    Raises
+    ------
+    ValueError
+        If shapes differ, runs are scattered, or time does not increase within a run.
+    """
+
+    time_s: FloatArray
+    signals: Mapping[str, FloatArray]
+    run: IntArray = None  # type: ignore[assignment]  # filled in __post_init__
+    output: FloatArray | None = None
+
+    def __post_init__(self) -> None:
+        time_s = readonly(self.time_s)
+        n = time_s.size
+        given: ArrayLike | None = self.run
+        run = readonly_int(np.zeros(n) if given is None else given)
+        signals = {name: readonly(values) for name, values in self.signals.items()}
+        output = None if self.output is None else readonly(self.output)
+        for name, values in [("run", run), *signals.items()]:
+            if values.shape != (n,):
+                raise ValueError(f"{name} has shape {values.shape}, expected ({n},)")
+        if output is not None and output.shape[:1] != (n,):
+            raise ValueError(f"output has shape {output.shape}, expected ({n}, …)")
+        if n and (run[0] != 0 or np.any((np.diff(run) != 0) & (np.diff(run) != 1))):
+            raise ValueError("run must count 0, 1, … with the readings of a run together")
+        if np.any((np.diff(time_s) <= 0) & (np.diff(run) == 0)):
+            raise ValueError("time_s must increase within a run")
+        freeze(self, time_s=time_s, run=run, signals=MappingProxyType(signals), output=output)
+
+    def __len__(self) -> int:
+        return self.time_s.size
+
+    def __getitem__(self, name: str) -> FloatArray:
+        return self.signals[name]
+
+    @property
+    def run_slices(self) -> tuple[slice, ...]:
+        """The readings of each run."""
+        edges = np.flatnonzero(np.diff(self.run)) + 1
+        starts, stops = [0, *edges.tolist()], [*edges.tolist(), len(self)]
+        return tuple(slice(a, b) for a, b in zip(starts, stops, strict=True) if b > a)
+
+    def with_signals(self, **signals: FloatArray) -> "Record":
+        """Return the same record with signals replaced or added."""
+        return Record(
+            time_s=self.time_s,
+            run=self.run,
+            signals={**self.signals, **signals},
+            output=self.output,
+        )
+
+    def take(self, keep: ArrayLike) -> "Record":
+        """Return the readings chosen by a mask or by indices; runs are numbered anew."""
+        chosen = np.arange(len(self))[np.asarray(keep)]
+        _, run = np.unique(self.run[chosen], return_inverse=True)
+        return Record(
+            time_s=self.time_s[chosen],
+            run=run,
+            signals={name: values[chosen] for name, values in self.signals.items()},
+            output=None if self.output is None else self.output[chosen],
+        )

@@ -1,0 +1,94 @@
+"""Whether data can tell the unknowns of a model apart, said by name before a number is given."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import linalg
+
+from errormodel.arrays import FloatArray
+
+# A column that the others reproduce to this share of its length (1e-6: rounding of recorded
+# angles and temperatures reaches 1e-7) carries nothing of its own.
+ALIASED_SHARE = 1e-6
+# Partners in a confounded group take part with at least this share of the largest.
+PARTNER_SHARE = 0.2
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Separability:
+    """What a set of columns can and cannot separate.
+
+    `confounded` holds groups of names that can only be had in combination (a group of one: no
+    effect at all). `condition` is that of the columns scaled to unit length.
+    """
+
+    condition: float
+    confounded: tuple[tuple[str, ...], ...]
+
+    @property
+    def unseen(self) -> frozenset[str]:
+        """Every name in a confounded group."""
+        return frozenset(name for group in self.confounded for name in group)
+
+
+def separability(
+    columns: FloatArray,
+    names: Sequence[str],
+    sigma: float = 0.0,
+    limits: Sequence[float | None] = (),
+) -> Separability:
+    """Find the unknowns that columns cannot separate.
+
+    A coefficient is not separable when the others reproduce its column, or when its sigma with
+    all others free exceeds `limits`: then the number would say nothing of the sensor.
+
+    Parameters
+    ----------
+    columns : ndarray, shape (n, p)
+        Whitened derivative of the model by its unknowns (any orthogonal compression will do).
+    names : sequence of str, length p
+    sigma : float
+        Sigma of the whitened readings (1 when the noise is known).
+    limits : sequence of float or None, length p
+        Largest magnitude each unknown can physically have.
+    """
+    p = columns.shape[1]
+    if p == 0:
+        return Separability(condition=1.0, confounded=())
+    norms = np.linalg.norm(columns, axis=0)
+    present = norms > 0
+    scaled = columns / np.where(present, norms, 1.0)
+    singular = linalg.svdvals(scaled[:, present]) if present.any() else np.ones(1)
+    condition = float(singular[0] / max(singular[-1], 1e-300)) if singular.size else 1.0
+    triangle = linalg.qr(scaled, mode="r", check_finite=False)[0][:p]
+    groups: list[set[str]] = [{names[j]} for j in range(p) if not present[j]]
+    for j in np.flatnonzero(present):
+        others = [k for k in np.flatnonzero(present) if k != j]
+        weights, left = _explain(triangle[:, j], triangle[:, others])
+        limit = limits[j] if j < len(limits) else None
+        weak = limit is not None and sigma > limit * left * norms[j]
+        if left < ALIASED_SHARE or weak:
+            size = np.abs(weights)
+            partners = {names[others[k]] for k in np.flatnonzero(size > PARTNER_SHARE * size.max())}
+            groups.append({names[j]} | partners)
+    return Separability(condition=condition, confounded=_merged(groups, names))
+
+
+def _explain(column: FloatArray, others: FloatArray) -> tuple[FloatArray, float]:
+    """Return the weights of `others` that come nearest to a column, and the share left over."""
+    if others.shape[1] == 0:
+        return np.zeros(1), 1.0
+    weights, *_ = linalg.lstsq(others, column, cond=ALIASED_SHARE / 10)
+    return weights, float(np.linalg.norm(column - others @ weights))
+
+
+def _merged(groups: list[set[str]], names: Sequence[str]) -> tuple[tuple[str, ...], ...]:
+    """Join groups that share a name; order names as the model does."""
+    joined: list[set[str]] = []
+    for group in groups:
+        touching = [g for g in joined if g & group]
+        joined = [g for g in joined if not g & group] + [set().union(group, *touching)]
+    rank = {name: i for i, name in enumerate(names)}
+    ordered = [tuple(sorted(g, key=rank.__getitem__)) for g in joined]
+    return tuple(sorted(ordered, key=lambda g: rank[g[0]]))
