@@ -117,8 +117,9 @@ def solve_compressed(
         columns = np.einsum("rp,mpc->mrc", data.triangle, jacobian)
         norms = np.linalg.norm(columns, axis=1)
         norms = np.where(norms > 0, norms, 1.0)
-        q, r = np.linalg.qr(columns / norms[:, None, :])
-        step = np.linalg.solve(r, np.einsum("mrc,mr->mc", q, residual)[..., None])[..., 0] / norms
+        q, r = np.linalg.qr(np.asarray(columns / norms[:, None, :], dtype=np.float64))
+        rotated = np.asarray(np.einsum("mrc,mr->mc", q, residual)[..., None], dtype=np.float64)
+        step: FloatArray = np.linalg.solve(r, rotated)[..., 0] / norms
         values = values + step
         information = np.einsum("mrc,mrd->mcd", columns, columns)
         if np.all(np.einsum("mc,mcd,md->m", step, information, step) < STEP_SIGMAS**2):
@@ -370,8 +371,9 @@ def fit_many(
     residual = record.output - products @ model.product_weights(values)[0].T
     rms = np.sqrt(np.mean(residual**2, axis=0))
     scales = np.sqrt(np.einsum("mcc->mc", information))
-    correlation = information / (scales[:, :, None] * scales[:, None, :])
-    cov = np.linalg.inv(correlation) / (scales[:, :, None] * scales[:, None, :])
+    lengths = scales[:, :, None] * scales[:, None, :]
+    correlation = np.asarray(information / lengths, dtype=np.float64)
+    cov: FloatArray = np.linalg.inv(correlation) / lengths
     conditions = np.sqrt(np.linalg.cond(correlation))
     return tuple(
         ModelFit(

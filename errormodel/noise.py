@@ -72,9 +72,10 @@ class NoiseModel:
 
     def whiten(self, record: Record, columns: FloatArray) -> FloatArray:
         """Return `columns` decorrelated and scaled to unit variance, shape as given (n, m)."""
-        return self._whiten(record, columns)[0] / self.white
+        return self.whitened_shape(record, columns)[0] / self.white
 
-    def _whiten(self, record: Record, columns: FloatArray) -> tuple[FloatArray, float]:
+    def whitened_shape(self, record: Record, columns: FloatArray) -> tuple[FloatArray, float]:
+        """Return `columns` decorrelated in units of `white`, and ln det of that covariance."""
         if self.drift == 0.0:
             return np.asarray(columns, dtype=float), 0.0
         data = np.ascontiguousarray(columns, dtype=float)
@@ -153,7 +154,7 @@ def estimate_noise(record: Record, residual: FloatArray, columns: FloatArray) ->
     def evaluate(log_ratio: float, log_tau: float) -> tuple[float, float]:
         """Return the restricted log-likelihood and the white sigma that goes with it."""
         shape = NoiseModel(white=1.0, drift=np.exp(log_ratio), drift_tau_s=np.exp(log_tau))
-        white, log_det = shape._whiten(record, stacked)
+        white, log_det = shape.whitened_shape(record, stacked)
         return _restricted(white, log_det, dof)
 
     bounds = (

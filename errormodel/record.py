@@ -1,7 +1,7 @@
 """What one channel saw: named input signals on one time base, cut into runs."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import MappingProxyType
 
 import numpy as np
@@ -33,14 +33,13 @@ class Record:
 
     time_s: FloatArray
     signals: Mapping[str, FloatArray]
-    run: IntArray = None  # type: ignore[assignment]  # filled in __post_init__
+    run: IntArray = field(default_factory=lambda: np.empty(0, dtype=np.intp))
     output: FloatArray | None = None
 
     def __post_init__(self) -> None:
         time_s = readonly(self.time_s)
         n = time_s.size
-        given: ArrayLike | None = self.run
-        run = readonly_int(np.zeros(n) if given is None else given)
+        run = readonly_int(self.run if np.size(self.run) else np.zeros(n))
         signals = {name: readonly(values) for name, values in self.signals.items()}
         output = None if self.output is None else readonly(self.output)
         for name, values in [("run", run), *signals.items()]:

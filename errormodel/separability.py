@@ -63,14 +63,19 @@ def separability(
     condition = float(singular[0] / max(singular[-1], 1e-300)) if singular.size else 1.0
     triangle = linalg.qr(scaled, mode="r", check_finite=False)[0][:p]
     groups: list[set[str]] = [{names[j]} for j in range(p) if not present[j]]
-    for j in np.flatnonzero(present):
-        others = [k for k in np.flatnonzero(present) if k != j]
+    seen: list[int] = np.flatnonzero(present).tolist()
+    for j in seen:
+        others = [k for k in seen if k != j]
         weights, left = _explain(triangle[:, j], triangle[:, others])
         limit = limits[j] if j < len(limits) else None
         weak = limit is not None and sigma > limit * left * norms[j]
         if left < ALIASED_SHARE or weak:
             size = np.abs(weights)
-            partners = {names[others[k]] for k in np.flatnonzero(size > PARTNER_SHARE * size.max())}
+            partners = {
+                names[k]
+                for k, s in zip(others, size, strict=False)
+                if s > PARTNER_SHARE * size.max()
+            }
             groups.append({names[j]} | partners)
     return Separability(condition=condition, confounded=_merged(groups, names))
 

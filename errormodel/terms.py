@@ -119,11 +119,11 @@ def by_run(
     """
 
     def with_memory(record: Record, values: Values, memory: Memory) -> tuple[FloatArray, Memory]:
-        pieces = [np.zeros((0, 1))]
+        pieces: list[FloatArray] = []
         after = memory
         for index, readings in enumerate(record.run_slices):
             piece, after = one_run(record, readings, values, memory if index == 0 else None)
             pieces.append(piece[:, None] if piece.ndim == 1 else piece)
-        return (np.concatenate(pieces[1:]) if pieces[1:] else pieces[0]), after
+        return (np.concatenate(pieces) if pieces else np.zeros((0, 1))), after
 
     return with_memory
