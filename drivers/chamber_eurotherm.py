@@ -1,0 +1,76 @@
+"""Eurotherm 3504: scaled integers over Modbus RTU or TCP, and a set point rate limit."""
+
+from collections.abc import Sequence
+
+from drivers.chamber_modbus import ModbusChamber, SafeStep
+from drivers.errors import DeviceError
+
+_RUNNING = ("running", "holding", "holdback", "ended")
+
+
+class Eurotherm3504(ModbusChamber):
+    """A chamber under a Eurotherm 3504, loop 1.
+
+    With the rate limit in force the working set point moves from where it stands to the target.
+    With the limit disabled it jumps to the target at once.
+    """
+
+    def _hold(self, temp_c: float) -> None:
+        self._local()
+        self._set("ramp_disable", "no_ramp")
+        self._set("setpoint", temp_c)
+        self._set("control_mode", "auto")
+
+    def _ramp(self, start_c: float, temp_c: float, rate_c_per_min: float) -> None:
+        self._set("ramp_rate", rate_c_per_min)
+        self._set("ramp_disable", "ramp")
+        self._set("setpoint", temp_c)
+
+    def _local(self) -> str:
+        """Follow the set point of this link, not a remote one."""
+        if self._get_optional("remote_select") in (None, 0.0):
+            return "set point is local"
+        return self._set("remote_select", "local")
+
+    def _leave_profile(self) -> None:
+        self._end_program()
+
+    def _end_program(self) -> str:
+        """Reset a running program and check that it ended."""
+        state = self._program_state()
+        if state in _RUNNING:
+            self._command("program_reset", "reset", repeatable=True)
+            state = self._program_state()
+            if state in _RUNNING:
+                raise DeviceError(f"{self._name}: the program is still {state} after reset")
+        return f"program {state}"
+
+    def _program_state(self) -> str:
+        code = self._get_optional("program_state")
+        if code is None:
+            return "not fitted"
+        name = self._map["program_state"].name_of(code)
+        return name if name in _RUNNING else "not running"
+
+    def _status(self) -> list[str]:
+        """Return the names of the status bits that are set."""
+        bits = int(self._get("status"))
+        return [name for name, bit in self._map["status"].values.items() if bits & bit]
+
+    def _sensor_fault(self) -> str:
+        status = self._status()
+        broken = [s for s in ("sensor_break", "pv_out_of_range") if s in status]
+        return ", ".join(broken).replace("_", " ")
+
+    def _own_alarms(self) -> Sequence[str]:
+        sensor = ("sensor_break", "pv_out_of_range")
+        return [name.replace("_", " ") for name in self._status() if name not in sensor]
+
+    def _safe_steps(self, temp_c: float) -> Sequence[SafeStep]:
+        return (
+            ("end program", self._end_program),
+            ("local set point", self._local),
+            ("ramp off", lambda: self._set("ramp_disable", "no_ramp")),
+            ("set point", lambda: self._set_safe_temp(temp_c)),
+            ("automatic", lambda: self._set("control_mode", "auto")),
+        )

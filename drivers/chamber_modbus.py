@@ -1,0 +1,357 @@
+"""What the Modbus chamber controllers have in common.
+
+A model is a register map and a class of a few lines that says in which order its registers are
+set. Here stand the limits, the reading back of everything written, and the way to a safe state.
+"""
+
+import logging
+import math
+from collections.abc import Callable, Mapping, Sequence
+
+from drivers.devices import LinkCounters, Range, SafeResult
+from drivers.errors import DeviceError, InstrumentError, LimitError
+from drivers.modbus import ModbusLink, RefusalError
+from drivers.registers import Register, load_map
+from drivers.station import ChamberConfig
+
+log = logging.getLogger(__name__)
+
+OVER_TEMPERATURE_MARGIN_C = 5.0  # an overshoot is less than this, a runaway soon more
+SafeStep = tuple[str, Callable[[], str]]
+
+
+class ModbusChamber:
+    """A chamber with one temperature loop behind Modbus; the models derive from it.
+
+    Parameters
+    ----------
+    config : ChamberConfig
+        Model, link, limits and scaling.
+    name : str
+        The instrument's name, for messages.
+
+    Raises
+    ------
+    ValueError
+        If the URL cannot be understood or there is no map of the model.
+    """
+
+    def __init__(self, config: ChamberConfig, *, name: str = "chamber") -> None:
+        self._map = load_map(config.model)
+        self._config = config
+        self._name = name
+        self._link = ModbusLink(config, name=name, barrier=self._map.barrier)
+        self._limits_c = Range(lo=config.limits_c[0], hi=config.limits_c[1])
+        lo, hi = config.rate_limits_c_per_min
+        self._rate_limits = Range(
+            lo=max(lo, self._map.ramp_rate_step_c_per_min or lo),
+            hi=min(hi, self._map.ramp_rate_max_c_per_min),
+        )
+        self._absent: set[str] = set()  # optional registers this controller does not have
+
+    # ---- what a Device is
+
+    @property
+    def name(self) -> str:
+        """The instrument's name in the station file, for messages."""
+        return self._name
+
+    @property
+    def counters(self) -> LinkCounters:
+        """Exchanges, retries and faults so far."""
+        return self._link.counters
+
+    @property
+    def limits_c(self) -> Range:
+        """Set points outside are refused; `identify` adds the controller's own limits."""
+        return self._limits_c
+
+    @property
+    def rate_limits_c_per_min(self) -> Range:
+        """Ramp rates the controller can express and the station allows."""
+        return self._rate_limits
+
+    def identify(self) -> str:
+        """Check that what answers behaves like the chamber of the station file.
+
+        No register common to these controllers names the model, so it is judged by what it
+        shows: a plausible temperature, units in °C and the number of decimals (where the model
+        tells them), and set point limits. Those limits are kept: the tighter of the controller's
+        and the station's apply from here on.
+
+        Returns
+        -------
+        str
+            The model, the temperature and the limits in force.
+
+        Raises
+        ------
+        DeviceError
+            If it cannot be the chamber of the station file.
+        """
+        settings = self.read_settings()
+        self._check_settings(settings)
+        lo, hi = settings.get("setpoint_low"), settings.get("setpoint_high")
+        if isinstance(lo, float) and isinstance(hi, float):
+            self._narrow_limits(lo, hi)
+        temp_c = self._plausible("temperature", self._get("temperature"))
+        limits = self._limits_c
+        return f"{self._map.title}, {temp_c:g} °C, set points {limits.lo:g} to {limits.hi:g} °C"
+
+    def read_settings(self) -> Mapping[str, str | float]:
+        """Read the settings worth keeping with a run; enumerated ones by name."""
+        settings: dict[str, str | float] = {
+            "model": self._map.title,
+            "decimals_configured": float(self._config.decimals),
+        }
+        for name, register in self._map.registers.items():
+            value = self._get_optional(name) if register.setting else None
+            if value is not None:
+                settings[name] = register.name_of(value) if register.values else value
+        return settings
+
+    def close(self) -> None:
+        """Release the port; harmless when done twice. Changes nothing in the controller."""
+        self._link.close()
+
+    # ---- what a Chamber is
+
+    def read_temp_c(self) -> float:
+        """Read the chamber's own temperature, °C; `DeviceError` on a broken sensor."""
+        temp_c = self._plausible("temperature", self._get("temperature"))
+        broken = self._sensor_fault()
+        if broken:
+            raise DeviceError(f"{self._name}: {broken}, the temperature is not to be trusted")
+        return temp_c
+
+    def read_setpoint_c(self) -> float:
+        """Read the set point the loop follows now, °C."""
+        return self._plausible("set point", self._get("working_setpoint"))
+
+    def hold_temp_c(self, temp_c: float) -> None:
+        """Go to `temp_c` (°C) as fast as the chamber does, and hold."""
+        self._check_temp(temp_c)
+        self._leave_profile()
+        self._hold(temp_c)
+
+    def ramp_to_c(self, temp_c: float, rate_c_per_min: float) -> None:
+        """Move the set point from where the chamber is to `temp_c` uniformly, and hold there.
+
+        Parameters
+        ----------
+        temp_c : float
+            Where to, °C.
+        rate_c_per_min : float
+            How fast, °C/min, positive in both directions.
+
+        Raises
+        ------
+        LimitError
+            If either is outside its limits; nothing was sent.
+        """
+        self._check_temp(temp_c)
+        self._check_rate(rate_c_per_min)
+        self._leave_profile()
+        # The controllers ramp from the set point in force; that is first put where the chamber is.
+        present_c = self.read_temp_c()
+        start_c = min(max(present_c, self._limits_c.lo), self._limits_c.hi)
+        self._hold(start_c)
+        self._ramp(start_c, temp_c, rate_c_per_min)
+
+    def read_alarms(self) -> tuple[str, ...]:
+        """Read the faults the chamber reports of itself, in words; empty when there are none."""
+        alarms = [*self._own_alarms()]
+        broken = self._sensor_fault()
+        if broken and broken not in alarms:
+            alarms.append(broken)
+        temp_c = self._get("temperature")
+        lo, hi = self._map.plausible_c
+        if not lo <= temp_c <= hi:
+            alarms.append(f"temperature {temp_c:g} °C is not plausible")
+        elif temp_c > self._limits_c.hi + OVER_TEMPERATURE_MARGIN_C:
+            alarms.append(f"over-temperature: {temp_c:g} °C, limit {self._limits_c.hi:g} °C")
+        return tuple(alarms)
+
+    def make_safe(self, temp_c: float) -> SafeResult:
+        """End any ramp or profile, hold `temp_c`, and verify both by reading back.
+
+        Every step is tried even when one before it failed; a pass in which something failed but
+        something worked is done once more. Safe to repeat, and needs nothing from an earlier
+        session. Never raises an InstrumentError.
+
+        Parameters
+        ----------
+        temp_c : float
+            The temperature to hold, °C.
+
+        Returns
+        -------
+        SafeResult
+        """
+        log.warning("%s: making safe at %g °C", self._name, temp_c)
+        verified, worked, lines = self._safe_pass(temp_c)
+        if not verified and worked:
+            verified, _, again = self._safe_pass(temp_c)
+            lines = [*lines, "once more:", *again]
+        if not verified:
+            log.error("%s: not verified to be safe: %s", self._name, "; ".join(lines))
+        return SafeResult(verified=verified, steps=tuple(lines))
+
+    # ---- what a model says about itself
+
+    def _hold(self, temp_c: float) -> None:
+        """Put the loop in automatic at `temp_c` without any ramp."""
+        raise NotImplementedError
+
+    def _ramp(self, start_c: float, temp_c: float, rate_c_per_min: float) -> None:
+        """Start a ramp to `temp_c`; the set point in force is `start_c`."""
+        raise NotImplementedError
+
+    def _leave_profile(self) -> None:
+        """End a profile or program that somebody started."""
+        raise NotImplementedError
+
+    def _sensor_fault(self) -> str:
+        """Return what is wrong with the sensor, or an empty string."""
+        raise NotImplementedError
+
+    def _own_alarms(self) -> Sequence[str]:
+        """Return the alarms the controller shows."""
+        raise NotImplementedError
+
+    def _safe_steps(self, temp_c: float) -> Sequence[SafeStep]:
+        """Return the steps to a safe state, each verifying itself and saying what it read back."""
+        raise NotImplementedError
+
+    def _check_settings(self, settings: Mapping[str, str | float]) -> None:
+        """Raise DeviceError where the settings cannot be those of the station file."""
+        if settings.get("units") == "fahrenheit":
+            raise DeviceError(f"{self._name}: the controller works in °F, set it to °C")
+        decimals = settings.get("decimals", self._config.decimals)
+        if decimals != self._config.decimals:
+            raise DeviceError(
+                f"{self._name}: the controller shows {decimals:g} decimals, "
+                f"expected {self._config.decimals} as in the station file"
+            )
+        if settings.get("display_units") == "fahrenheit":
+            log.warning("%s: the display is in °F; check that Modbus is in °C", self._name)
+
+    # ---- tools for the models
+
+    def _get(self, name: str) -> float:
+        register = self._map[name]
+        words = self._link.read(register.address, register.count, what=name)
+        return register.decode(words, self._config.decimals)
+
+    def _get_optional(self, name: str) -> float | None:
+        """Read a register that not every controller has; None when it says it has not."""
+        if name in self._absent:
+            return None
+        try:
+            return self._get(name)
+        except RefusalError as refusal:
+            if not (refusal.absent and self._map[name].optional):
+                raise
+            log.info("%s: no register %s", self._name, name)
+            self._absent.add(name)
+            return None
+
+    def _state(self, name: str) -> str:
+        """Read an enumerated register by name."""
+        return self._map[name].name_of(self._get(name))
+
+    def _set(self, name: str, value: float | str) -> str:
+        """Write a register and compare what it then holds; return what was read back."""
+        register = self._map[name]
+        number = float(register.values[value]) if isinstance(value, str) else value
+        self._link.write(register.address, self._encode(name, number), what=name)
+        back = self._get(name)
+        if not abs(back - number) <= register.tolerance(self._config.decimals):
+            raise DeviceError(
+                f"{self._name}: wrote {name} = {self._text(register, number)}, "
+                f"read back {self._text(register, back)}"
+            )
+        return f"{name} = {self._text(register, back)}"
+
+    def _command(self, name: str, value: str, *, repeatable: bool) -> None:
+        """Write a register that acts and holds nothing to read back."""
+        register = self._map[name]
+        words = self._encode(name, register.values[value])
+        self._link.write(register.address, words, what=f"{name} {value}", repeatable=repeatable)
+
+    def _encode(self, name: str, number: float) -> tuple[int, ...]:
+        try:
+            return self._map[name].encode(number, self._config.decimals)
+        except ValueError as error:
+            raise LimitError(f"{self._name}: {name}: {error}, nothing was sent") from None
+
+    @staticmethod
+    def _text(register: Register, number: float) -> str:
+        return register.name_of(number) if register.values else f"{number:g}"
+
+    def _plausible(self, what: str, value: float) -> float:
+        lo, hi = self._map.plausible_c
+        if not lo <= value <= hi:
+            raise DeviceError(
+                f"{self._name}: {what} {value:g} °C, expected {lo:g} to {hi:g}: "
+                "broken sensor or wrong register map"
+            )
+        return value
+
+    def _check_temp(self, temp_c: float) -> None:
+        limits = self._limits_c
+        if not (math.isfinite(temp_c) and temp_c in limits):
+            raise LimitError(
+                f"{self._name}: set point {temp_c:g} °C is outside "
+                f"{limits.lo:g} to {limits.hi:g} °C, nothing was sent"
+            )
+        self._encode("setpoint", temp_c)
+
+    def _check_rate(self, rate: float) -> None:
+        limits, step = self._rate_limits, self._map.ramp_rate_step_c_per_min
+        if not (math.isfinite(rate) and rate in limits):
+            raise LimitError(
+                f"{self._name}: rate {rate:g} °C/min is outside "
+                f"{limits.lo:g} to {limits.hi:g} °C/min, nothing was sent"
+            )
+        if step is not None and abs(rate / step - round(rate / step)) > 1e-6:
+            raise LimitError(
+                f"{self._name}: rate {rate:g} °C/min cannot be set, "
+                f"expected a multiple of {step:g} °C/min, nothing was sent"
+            )
+
+    def _narrow_limits(self, lo: float, hi: float) -> None:
+        """Let the tighter of the station's and the controller's limits apply."""
+        if not lo < hi:
+            log.warning("%s: the controller has no set point limits (%g, %g)", self._name, lo, hi)
+            return
+        wanted = self._config.limits_c
+        narrowed = Range(lo=max(lo, wanted[0]), hi=min(hi, wanted[1]))
+        if not narrowed.lo < narrowed.hi:
+            raise DeviceError(
+                f"{self._name}: the controller takes set points {lo:g} to {hi:g} °C, "
+                f"the station file says {wanted[0]:g} to {wanted[1]:g} °C"
+            )
+        if (narrowed.lo, narrowed.hi) != wanted:
+            log.warning(
+                "%s: set points limited to %g to %g °C by the controller",
+                self._name, narrowed.lo, narrowed.hi,
+            )  # fmt: skip
+        self._limits_c = narrowed
+
+    def _safe_pass(self, temp_c: float) -> tuple[bool, bool, list[str]]:
+        """Go through the steps once: all held, any held, one line each."""
+        held, lines = list[bool](), list[str]()
+        for label, step in self._safe_steps(temp_c):
+            try:
+                lines.append(f"{label}: {step()}")
+                held.append(True)
+            except InstrumentError as error:
+                lines.append(f"{label}: failed: {error}")
+                held.append(False)
+        return all(held), any(held), lines
+
+    def _set_safe_temp(self, temp_c: float) -> str:
+        """Write the safe set point, which must be inside the limits like any other."""
+        self._check_temp(temp_c)
+        return self._set("setpoint", temp_c)
