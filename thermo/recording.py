@@ -1,0 +1,235 @@
+"""Recorded chamber runs: the files, their sidecars, and the record they become.
+
+`read_runs` and `write_runs` are the file format of a run; `make_runs` makes a record of a table
+that is already in memory, checked in the same way.
+"""
+
+from collections.abc import Mapping, Sequence
+from datetime import UTC, date, datetime
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import pandas as pd
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, field_validator
+
+from errormodel.errors import InputError
+from errormodel.files import check, read_toml
+from thermo.recording_check import Table, build
+from thermo.recording_csv import KNOWN, read_csv_table, read_parquet_table
+from thermo.recording_model import (
+    NUMBERS,
+    REQUIRED,
+    Labels,
+    OutputScale,
+    OutputUnit,
+    RecordedRuns,
+)
+from thermo.recording_write import sidecar_path, write_runs
+
+__all__ = [
+    "OutputScale",
+    "RecordedRuns",
+    "Sidecar",
+    "make_runs",
+    "read_runs",
+    "sidecar_path",
+    "write_runs",
+]
+
+
+def _instant(value: object) -> datetime:
+    if isinstance(value, str):
+        value = datetime.fromisoformat(value)  # its ValueError says what is wrong
+    if not isinstance(value, datetime):
+        if isinstance(value, date):
+            value = datetime(value.year, value.month, value.day)
+        else:
+            raise ValueError("expected a time like 2026-11-22T22:15:00Z")
+    try:
+        return value.replace(tzinfo=value.tzinfo or UTC).astimezone(UTC)
+    except OverflowError:
+        raise ValueError("the time is out of range") from None
+
+
+Instant = Annotated[datetime, BeforeValidator(_instant)]
+
+
+class Sidecar(BaseModel):
+    """What stands beside a recorded run: what its outputs are measured in.
+
+    `nominal_scale` is in output units per g; a negative one is a reversed polarity.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=False)
+
+    output_unit: OutputUnit
+    gravity_m_s2: Annotated[float, Field(gt=9.7, lt=9.9)]
+    nominal_scale: Annotated[float, Field(allow_inf_nan=False, strict=True)]
+    run_start_utc: dict[str, Instant] = {}
+
+    @field_validator("nominal_scale")
+    @classmethod
+    def _not_zero(cls, value: float) -> float:
+        if value == 0:
+            raise ValueError("must not be 0")
+        return value
+
+    @property
+    def scale(self) -> OutputScale:
+        """The same without the times."""
+        return OutputScale(
+            output_unit=self.output_unit,
+            gravity_m_s2=self.gravity_m_s2,
+            nominal_scale=self.nominal_scale,
+        )
+
+
+def read_runs(paths: Sequence[Path | str]) -> RecordedRuns:
+    """Read recorded runs from CSV or Parquet files (`*.parquet`, `*.pq`) and join them.
+
+    Each file has its sidecar NAME.toml beside it; unit, gravity and scale may differ from file to
+    file. A run may be continued in another file, but not with the same readings.
+
+    Parameters
+    ----------
+    paths : sequence of path
+        The files, in any order.
+
+    Returns
+    -------
+    RecordedRuns
+        The readings in the order of the files; an accelerometer's run that is spread over files
+        is in order of time.
+
+    Raises
+    ------
+    InputError
+        Naming file and line of the first fault.
+    """
+    if not paths:
+        raise InputError("recorded runs", "", "no file given, expected at least one")
+    return _join([_read_one(Path(path)) for path in paths])
+
+
+def make_runs(
+    frame: pd.DataFrame,
+    *,
+    output_unit: OutputUnit,
+    gravity_m_s2: float,
+    nominal_scale: float,
+    run_start_utc: Mapping[str, datetime] | None = None,
+    source: str = "the record",
+) -> RecordedRuns:
+    """Make a record of a table in memory.
+
+    Parameters
+    ----------
+    frame : DataFrame
+        With the columns of a recorded run; others are ignored. NaN is an empty cell.
+    output_unit : str
+        "mA", "V", "m/s2", "g" or "count".
+    gravity_m_s2 : float
+        Gravity at the place, m/s².
+    nominal_scale : float
+        Output unit per g.
+    run_start_utc : mapping, optional
+        Run id → time at which it began.
+    source : str
+        Where the table came from, for messages.
+
+    Raises
+    ------
+    InputError
+        If a value is not what it should be; rows are counted from 1.
+    """
+    given = {
+        "output_unit": output_unit,
+        "gravity_m_s2": gravity_m_s2,
+        "nominal_scale": nominal_scale,
+        "run_start_utc": dict(run_start_utc or {}),
+    }
+    sidecar = check(given, Sidecar, source)
+    missing = [name for name in REQUIRED if name not in frame.columns]
+    if missing:
+        raise InputError(source, "", f"no column {', '.join(missing)}")
+    text: dict[str, Labels] = {}
+    number: dict[str, Any] = {}
+    for name in (name for name in KNOWN if name in frame.columns):
+        column = frame[name]
+        if name in NUMBERS:
+            try:
+                number[name] = column.to_numpy(dtype=np.float64, na_value=np.nan)
+            except (TypeError, ValueError):
+                raise InputError(source, f"column {name}", "expected numbers") from None
+        else:
+            text[name] = Labels.of("" if pd.isna(v) else str(v) for v in column.tolist())
+    table = Table(text, number, source, lambda row: f"row {row + 1}")
+    return build(table, sidecar.scale, sidecar.run_start_utc)
+
+
+def _read_one(path: Path) -> RecordedRuns:
+    is_parquet = path.suffix.lower() in {".parquet", ".pq"}
+    if not path.is_file():
+        raise InputError(path, "", "no such file")
+    side = sidecar_path(path)
+    if side == path or not side.is_file():
+        raise InputError(
+            path,
+            "",
+            f"expected {side.name} beside it with the keys output_unit, gravity_m_s2, "
+            "nominal_scale and, if known, run_start_utc",
+        )
+    sidecar = read_toml(side, Sidecar)
+    table = read_parquet_table(path) if is_parquet else read_csv_table(path)
+    return build(table, sidecar.scale, sidecar.run_start_utc)
+
+
+def _join(parts: Sequence[RecordedRuns]) -> RecordedRuns:
+    if len(parts) == 1:
+        return parts[0]
+    scales: dict[tuple[str, str], OutputScale] = {}
+    starts: dict[str, datetime] = {}
+    for part in parts:
+        for (run, serial), scale in part.scales.items():
+            if scales.setdefault((run, serial), scale) != scale:
+                raise InputError(
+                    part.source, "", f"run {run!r} serial {serial!r}: unit, gravity or scale "
+                    "differ from those in another file"
+                )  # fmt: skip
+        for run, start in part.run_start_utc.items():
+            if starts.setdefault(run, start) != start:
+                raise InputError(part.source, "", f"run {run!r} began at another time elsewhere")
+    joined = RecordedRuns(
+        run=Labels.join([part.run for part in parts]),
+        serial=Labels.join([part.serial for part in parts]),
+        flag=Labels.join([part.flag for part in parts]),
+        time_s=np.concatenate([part.time_s for part in parts]),
+        temp_c=np.concatenate([part.temp_c for part in parts]),
+        position_deg=np.concatenate([part.position_deg for part in parts]),
+        output=np.concatenate([part.output for part in parts]),
+        chamber_c=np.concatenate([part.chamber_c for part in parts]),
+        a_g=np.concatenate([part.a_g for part in parts]),
+        scales=scales,
+        run_start_utc=starts,
+        source=", ".join(part.source for part in parts),
+    )
+    if sum(len(part.scales) for part in parts) == len(scales):
+        return joined  # no run of an accelerometer is in two files
+    return _in_order_of_time(joined, parts)
+
+
+def _in_order_of_time(joined: RecordedRuns, parts: Sequence[RecordedRuns]) -> RecordedRuns:
+    key = joined.run.codes * len(joined.serials) + joined.serial.codes
+    order = np.lexsort((joined.time_s, key))
+    again = (np.diff(key[order]) == 0) & (np.diff(joined.time_s[order]) == 0)
+    if again.any():
+        row = int(max(order[np.argmax(again)], order[np.argmax(again) + 1]))
+        ends = np.cumsum([len(part) for part in parts])
+        raise InputError(
+            parts[int(np.searchsorted(ends, row, side="right"))].source,
+            "",
+            f"run {joined.run.at(row)!r} serial {joined.serial.at(row)!r} time_s "
+            f"{joined.time_s[row]} is in another file too",
+        )
+    return joined.take(order)

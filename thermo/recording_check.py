@@ -1,0 +1,164 @@
+"""What makes readings a recorded run; every complaint says in which row, and what was expected."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from datetime import datetime
+
+import numpy as np
+
+from errormodel.errors import InputError
+from thermo.recording_model import (
+    FORCES,
+    GOOD_FLAGS,
+    NUMBERS,
+    BoolArray,
+    FloatArray,
+    Labels,
+    OutputScale,
+    RecordedRuns,
+    pairs,
+)
+
+TEMP_RANGE_C = (-273.15, 1000.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Table:
+    """Readings as parsed and not yet checked: texts, numbers (NaN where the cell is empty).
+
+    `place` turns a row's index into words ("line 12"); `text` has run and serial, perhaps flag;
+    `number` has the columns the file has.
+    """
+
+    text: Mapping[str, Labels]
+    number: Mapping[str, FloatArray]
+    source: str
+    place: Callable[[int], str]
+
+    def __len__(self) -> int:
+        return len(self.text["run"].codes)
+
+    def fail(self, row: int, problem: str) -> InputError:
+        """Return the complaint about a row."""
+        return InputError(self.source, self.place(row), problem)
+
+
+def build(
+    table: Table, scale: OutputScale, run_start_utc: Mapping[str, datetime] | None = None
+) -> RecordedRuns:
+    """Check readings and make them a record.
+
+    Raises
+    ------
+    InputError
+        Naming the first row at fault.
+    """
+    if len(table) == 0:
+        raise InputError(table.source, "", "has no readings")
+    run, serial = _checked_names(table, "run"), _checked_names(table, "serial")
+    flag = _normal_flags(table)
+    good = np.array([name == "" for name in flag.names], dtype=np.bool_)[flag.codes]
+    nothing = np.full(len(table), np.nan)
+    number = {name: table.number.get(name, nothing) for name in NUMBERS}
+    _check_finite(table, number, good)
+    _check_temperatures(table, number)
+    _check_time(table, run, serial)
+    _check_input(table, run, serial, good)
+    return RecordedRuns(
+        run=run,
+        serial=serial,
+        flag=flag,
+        a_g=np.column_stack([number[name] for name in FORCES]),
+        scales={key: scale for key in pairs(run, serial)},
+        run_start_utc={r: t for r, t in (run_start_utc or {}).items() if r in run.names},
+        source=table.source,
+        **{name: number[name] for name in NUMBERS if name not in FORCES},
+    )
+
+
+def _first(bad: BoolArray) -> int | None:
+    return int(np.argmax(bad)) if bad.any() else None
+
+
+def _checked_names(table: Table, column: str) -> Labels:
+    labels = table.text[column]
+    stripped = [name.strip() for name in labels.names]
+    for code, name in enumerate(stripped):
+        if not name or not name.isprintable():
+            row = int(np.argmax(labels.codes == code))
+            raise table.fail(row, f"{column} {name!r:.60}, expected a printable text")
+    return _merged(labels, stripped)
+
+
+def _normal_flags(table: Table) -> Labels:
+    labels = table.text.get("flag")
+    if labels is None:
+        return Labels(np.zeros(len(table), dtype=np.int64), ("",))
+    names = [" ".join(name.split()) for name in labels.names]
+    return _merged(labels, ["" if name.lower() in GOOD_FLAGS else name for name in names])
+
+
+def _merged(labels: Labels, new_names: list[str]) -> Labels:
+    names = tuple(dict.fromkeys(new_names))
+    table = np.array([names.index(name) for name in new_names], dtype=np.int64)
+    return Labels(table[labels.codes], names)
+
+
+def _check_finite(table: Table, number: Mapping[str, FloatArray], good: BoolArray) -> None:
+    for name in NUMBERS:
+        if (row := _first(np.isinf(number[name]))) is not None:
+            raise table.fail(row, f"{name} is infinite, expected a finite number")
+    # a flagged reading may lack what could not be measured, but it has its place in time
+    for name, needed in (("time_s", np.ones_like(good)), ("temp_c", good), ("output", good)):
+        if (row := _first(np.isnan(number[name]) & needed)) is not None:
+            raise table.fail(row, f"{name} is empty or not a number, expected a finite number")
+
+
+def _check_temperatures(table: Table, number: Mapping[str, FloatArray]) -> None:
+    lo, hi = TEMP_RANGE_C
+    for name in ("temp_c", "chamber_c"):
+        values = number[name]
+        if (row := _first((values < lo) | (values > hi))) is not None:
+            raise table.fail(row, f"{name} {values[row]:g}, expected {lo:g} to {hi:g} °C")
+
+
+def _check_time(table: Table, run: Labels, serial: Labels) -> None:
+    key = run.codes * len(serial.names) + serial.codes
+    order = np.argsort(key, kind="stable")
+    time_s = table.number["time_s"][order]
+    stuck = (np.diff(key[order]) == 0) & ~(np.diff(time_s) > 0)
+    if not stuck.any():
+        return
+    at = np.flatnonzero(stuck)
+    worst = at[np.argmin(order[at + 1])]
+    before, row = int(order[worst]), int(order[worst + 1])
+    who = f"run {run.at(row)!r} serial {serial.at(row)!r}"
+    same = all(np.array_equal(v[before], v[row], equal_nan=True) for v in table.number.values())
+    if same:
+        raise table.fail(row, f"{who}: a duplicate of {table.place(before)}")
+    raise table.fail(
+        row,
+        f"{who}: time_s {time_s[worst + 1]!s} is not after {time_s[worst]!s} "
+        f"in {table.place(before)}",
+    )
+
+
+def _check_input(table: Table, run: Labels, serial: Labels, good: BoolArray) -> None:
+    """Within a run an accelerometer's input is known in all its good readings, or in none."""
+    columns = [table.number[name] for name in FORCES if name in table.number]
+    used = [column for column in columns if not np.all(np.isnan(column))]
+    some, complete = np.zeros_like(good), np.zeros_like(good)
+    if used:
+        filled = ~np.isnan(np.column_stack(used))
+        some, complete = filled.any(axis=1), filled.all(axis=1)
+    if (row := _first(some & ~complete & good)) is not None:
+        raise table.fail(row, "a_i_g, a_p_g, a_o_g are given in part, expected all of them or none")
+    position = table.number.get("position_deg")
+    known = complete if position is None else complete | ~np.isnan(position)
+    key = run.codes * len(serial.names) + serial.codes
+    somewhere = np.zeros(len(run.names) * len(serial.names), dtype=np.bool_)
+    somewhere[key[known & good]] = True
+    if (row := _first(somewhere[key] & ~known & good)) is not None:
+        raise table.fail(
+            row, "position_deg is empty though other readings of the same run have a position"
+        )

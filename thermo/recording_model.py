@@ -1,0 +1,311 @@
+"""Recorded chamber runs in memory: checked once, never changed.
+
+Every reading is a row; a row's (run, serial) tells which accelerometer read it in which run. What
+the outputs mean (unit, gravity, nominal scale) comes from the file and is kept for each
+(run, serial), so that files of different makers can be joined and still be told apart.
+"""
+
+import hashlib
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import datetime
+from types import MappingProxyType
+from typing import Literal, TypeAlias
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from errormodel.errors import InputError
+
+FloatArray: TypeAlias = NDArray[np.float64]
+BoolArray: TypeAlias = NDArray[np.bool_]
+IntArray: TypeAlias = NDArray[np.int64]
+OutputUnit: TypeAlias = Literal["mA", "V", "m/s2", "g", "count"]
+
+REQUIRED = ("run", "serial", "time_s", "temp_c", "output")
+FORCES = ("a_i_g", "a_p_g", "a_o_g")
+NUMBERS = ("time_s", "temp_c", "position_deg", "output", "chamber_c", *FORCES)
+COLUMNS = ("run", "serial", "time_s", "temp_c", "position_deg", "output", "chamber_c", *FORCES)
+GOOD_FLAGS = frozenset({"", "0", "0.0", "ok"})
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OutputScale:
+    """What an output is measured in: `nominal_scale` is `output_unit` per g."""
+
+    output_unit: OutputUnit
+    gravity_m_s2: float
+    nominal_scale: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Labels:
+    """A column of few distinct texts: `names[codes[i]]` stands in row i."""
+
+    codes: IntArray
+    names: tuple[str, ...]
+
+    @classmethod
+    def of(cls, values: Iterable[str]) -> "Labels":
+        """Encode texts, the names in order of first appearance."""
+        codes, names = pd.factorize(np.asarray(list(values), dtype=object))
+        return cls(codes.astype(np.int64), tuple(str(name) for name in names))
+
+    @classmethod
+    def join(cls, parts: Sequence["Labels"]) -> "Labels":
+        """Put columns below one another."""
+        names = tuple(dict.fromkeys(name for part in parts for name in part.names))
+        index = {name: i for i, name in enumerate(names)}
+        tables = [np.array([index[n] for n in part.names], dtype=np.int64) for part in parts]
+        return cls(np.concatenate([t[p.codes] for t, p in zip(tables, parts, strict=True)]), names)
+
+    def at(self, row: int) -> str:
+        """Return the text of one row."""
+        return self.names[int(self.codes[row])]
+
+    def text(self) -> NDArray[np.object_]:
+        """Return the texts of all rows, shape (n,)."""
+        return np.array(self.names, dtype=object)[self.codes]
+
+    def take(self, rows: BoolArray | IntArray) -> "Labels":
+        """Return the column of some rows, without the names that no longer occur."""
+        codes = self.codes[rows]
+        used, first = np.unique(codes, return_index=True)
+        used = used[np.argsort(first)]
+        table = np.full(len(self.names), -1, dtype=np.int64)
+        table[used] = np.arange(len(used))
+        return Labels(table[codes], tuple(self.names[int(i)] for i in used))
+
+
+def _no_starts() -> Mapping[str, datetime]:
+    return MappingProxyType({})
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class RecordedRuns:
+    """Readings of one or more runs; n rows, arrays read-only.
+
+    Build one with `thermo.recording.make_runs` or `read_runs`, which check it. A cell that was not
+    given is NaN. Within a (run, serial) time increases strictly.
+
+    Attributes
+    ----------
+    run, serial, flag : Labels
+        An empty flag is a good reading.
+    time_s : ndarray, shape (n,)
+        From the start of the row's own run, s.
+    temp_c, chamber_c : ndarray, shape (n,)
+        The accelerometer's own thermistor; the chamber. °C.
+    position_deg : ndarray, shape (n,)
+        Angle of the indexing head, °.
+    output : ndarray, shape (n,)
+        In the unit of `scale_of(run, serial)`.
+    a_g : ndarray, shape (n, 3)
+        Specific force along (IA, PA, OA) as given in the file, g.
+    scales : mapping
+        (run, serial) → `OutputScale`.
+    run_start_utc : mapping
+        Run id → start, for the runs where it is known.
+    source : str
+        Where it came from, for messages.
+    """
+
+    run: Labels
+    serial: Labels
+    flag: Labels
+    time_s: FloatArray
+    temp_c: FloatArray
+    position_deg: FloatArray
+    output: FloatArray
+    chamber_c: FloatArray
+    a_g: FloatArray
+    scales: Mapping[tuple[str, str], OutputScale]
+    run_start_utc: Mapping[str, datetime] = field(default_factory=_no_starts)
+    source: str = "the record"
+
+    def __post_init__(self) -> None:
+        for name in ("time_s", "temp_c", "position_deg", "output", "chamber_c", "a_g"):
+            array = np.array(getattr(self, name), dtype=np.float64)
+            array.flags.writeable = False
+            object.__setattr__(self, name, array)
+        for labels in (self.run, self.serial, self.flag):
+            labels.codes.flags.writeable = False
+        object.__setattr__(self, "scales", MappingProxyType(dict(self.scales)))
+        object.__setattr__(self, "run_start_utc", MappingProxyType(dict(self.run_start_utc)))
+
+    def __len__(self) -> int:
+        return len(self.time_s)
+
+    @property
+    def run_ids(self) -> tuple[str, ...]:
+        """The runs, in order of first appearance."""
+        return self.run.names
+
+    @property
+    def serials(self) -> tuple[str, ...]:
+        """The accelerometers, in order of first appearance."""
+        return self.serial.names
+
+    @property
+    def good(self) -> BoolArray:
+        """Rows that fits use, shape (n,): those without a flag."""
+        bad = np.array([name != "" for name in self.flag.names], dtype=np.bool_)
+        return ~bad[self.flag.codes]
+
+    @property
+    def output_unit(self) -> OutputUnit:
+        """The unit of all outputs; `InputError` when they differ: select first."""
+        return self._only_scale().output_unit
+
+    @property
+    def gravity_m_s2(self) -> float:
+        """Gravity at the place of all readings, m/s²; `InputError` when it differs."""
+        return self._only_scale().gravity_m_s2
+
+    @property
+    def nominal_scale(self) -> float:
+        """Output unit per g of all readings; `InputError` when it differs."""
+        return self._only_scale().nominal_scale
+
+    @property
+    def has_input(self) -> bool:
+        """Whether the specific force is known in every good row.
+
+        When it is not, the input is an unknown constant: only bias-like terms can be had.
+        """
+        return bool(np.all((self._given() | ~np.isnan(self.position_deg))[self.good]))
+
+    @property
+    def specific_force_g(self) -> FloatArray:
+        """Specific force along (IA, PA, OA), g, shape (n, 3).
+
+        From the head's angle θ it is (sin θ, cos θ, 0); `a_*_g` given in a row override that, and
+        those of the three that were not given are 0. A flagged row without an input has NaN.
+
+        Raises
+        ------
+        InputError
+            If good rows have neither.
+        """
+        if not self.has_input:
+            raise InputError(
+                self.source, "", "has neither position_deg nor a_i_g, a_p_g, a_o_g: input unknown"
+            )
+        given = self._given()
+        turned = np.deg2rad(self.position_deg)
+        from_head = np.column_stack([np.sin(turned), np.cos(turned), 0.0 * turned])
+        return np.where(given[:, None], np.nan_to_num(self.a_g, nan=0.0), from_head)
+
+    def scale_of(self, run: str, serial: str) -> OutputScale:
+        """Return what the outputs of an accelerometer in a run are measured in."""
+        return self.scales[(run, serial)]
+
+    def select(
+        self, serial: str | None = None, runs: Sequence[str] | None = None
+    ) -> "RecordedRuns":
+        """Return the rows of one accelerometer, of some runs, or of both.
+
+        Parameters
+        ----------
+        serial : str, optional
+            The accelerometer; all when left out.
+        runs : sequence of str, optional
+            Run ids; all when left out.
+
+        Raises
+        ------
+        InputError
+            If there is no such accelerometer or run, or it was not in these runs.
+        """
+        keep = np.ones(len(self), dtype=np.bool_)
+        if serial is not None:
+            keep &= self.serial.codes == self._index(self.serials, serial, "serial")
+        if runs is not None:
+            wanted = [self._index(self.run_ids, run, "run") for run in runs]
+            keep &= np.isin(self.run.codes, wanted)
+        if not keep.any():
+            raise InputError(self.source, "", f"no reading of serial {serial!r} in runs {runs!r}")
+        return self.take(keep)
+
+    def take(self, rows: BoolArray | IntArray) -> "RecordedRuns":
+        """Return some rows, by mask or by index, as a record of its own."""
+        run, serial = self.run.take(rows), self.serial.take(rows)
+        return RecordedRuns(
+            run=run,
+            serial=serial,
+            flag=self.flag.take(rows),
+            time_s=self.time_s[rows],
+            temp_c=self.temp_c[rows],
+            position_deg=self.position_deg[rows],
+            output=self.output[rows],
+            chamber_c=self.chamber_c[rows],
+            a_g=self.a_g[rows],
+            scales={key: self.scales[key] for key in pairs(run, serial)},
+            run_start_utc={r: t for r, t in self.run_start_utc.items() if r in run.names},
+            source=self.source,
+        )
+
+    def digest(self, run: str) -> str:
+        """Return the SHA-256 of a run's content, hexadecimal.
+
+        It is the same whatever the file format, the order of the accelerometers in the file and
+        the name of the run: a run copied under another name is found out.
+        """
+        part = self.select(runs=[run])
+        total = hashlib.sha256(b"accelbench recorded run 1\n")
+        for serial in sorted(part.serials):
+            one = part.select(serial)
+            scale = one.scale_of(run, serial)
+            head = (serial, scale.output_unit, scale.gravity_m_s2.hex(), scale.nominal_scale.hex())
+            total.update("\t".join((*head, str(len(one)))).encode() + b"\n")
+            numbers = np.column_stack(
+                [one.time_s, one.temp_c, one.position_deg, one.output, one.chamber_c, one.a_g]
+            )
+            numbers = np.where(np.isnan(numbers), np.nan, numbers) + 0.0  # one NaN, no minus zero
+            total.update(numbers.astype("<f8").tobytes())
+            total.update("\n".join(one.flag.text().tolist()).encode() + b"\n")
+        return total.hexdigest()
+
+    def frame(self) -> pd.DataFrame:
+        """Return a copy as a table with the columns of the file format that are in use."""
+        columns: dict[str, object] = {"run": self.run.text(), "serial": self.serial.text()}
+        numbers = self._numbers()
+        for name in NUMBERS:
+            if name in REQUIRED or not np.all(np.isnan(numbers[name])):
+                columns[name] = numbers[name].copy()
+        if not self.good.all():
+            columns["flag"] = self.flag.text()
+        order = [name for name in (*COLUMNS, "flag") if name in columns]
+        return pd.DataFrame({name: columns[name] for name in order})
+
+    def _numbers(self) -> dict[str, FloatArray]:
+        numbers = {name: getattr(self, name) for name in NUMBERS if name not in FORCES}
+        return numbers | {name: self.a_g[:, i] for i, name in enumerate(FORCES)}
+
+    def _given(self) -> BoolArray:
+        return np.any(~np.isnan(self.a_g), axis=1)
+
+    def _only_scale(self) -> OutputScale:
+        found = set(self.scales.values())
+        if len(found) != 1:
+            raise InputError(
+                self.source, "", f"{len(found)} different output units, gravities or nominal scales"
+            )
+        return found.pop()
+
+    def _index(self, names: tuple[str, ...], name: str, what: str) -> int:
+        if name not in names:
+            raise InputError(
+                self.source, "", f"no {what} {name!r}; expected one of {', '.join(names):.200}"
+            )
+        return names.index(name)
+
+
+def pairs(run: Labels, serial: Labels) -> list[tuple[str, str]]:
+    """Return the (run, serial) that occur."""
+    keys = np.unique(run.codes * len(serial.names) + serial.codes)
+    return [
+        (run.names[int(k) // len(serial.names)], serial.names[int(k) % len(serial.names)])
+        for k in keys
+    ]
