@@ -1,0 +1,184 @@
+"""From recorded runs to what an error model sees: one accelerometer, good readings only."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from errormodel.arrays import FloatArray, IntArray, freeze, readonly, readonly_int
+from errormodel.errors import InputError
+from errormodel.record import Record
+from thermo.recording import RecordedRuns
+
+# The slope of temperature is a straight line over this span, or over five readings if that is
+# longer: a thermistor's noise of 2 mK then leaves 1 % of a 1 °C/min ramp.
+RATE_WINDOW_S = 120.0
+# Slower than this share of the fastest change, a reading belongs to a hold.
+HOLD_SHARE = 0.1
+HEATING, COOLING, HOLD = 1, -1, 0
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Channel:
+    """One accelerometer over its runs, as an error model sees it.
+
+    Attributes
+    ----------
+    serial : str
+    run_ids : tuple of str
+        Names of the record's runs 0, 1, ….
+    record : Record
+        Output and signals in nominal g; `rows` of the recording it was made from.
+    temp_c, position_deg : ndarray, shape (n,)
+        The position is NaN where it was not recorded.
+    direction : ndarray of int, shape (n,)
+        1 heating, −1 cooling, 0 hold.
+    has_input : bool
+        False when the specific force is not known: the input is then an unknown constant.
+    output_unit : str
+    nominal_scale : float
+        Output unit per g.
+    gravity_m_s2 : float
+    """
+
+    serial: str
+    run_ids: tuple[str, ...]
+    record: Record
+    temp_c: FloatArray
+    position_deg: FloatArray
+    direction: IntArray
+    has_input: bool
+    output_unit: str
+    nominal_scale: float
+    gravity_m_s2: float
+
+    def __post_init__(self) -> None:
+        freeze(
+            self,
+            temp_c=readonly(self.temp_c),
+            position_deg=readonly(self.position_deg),
+            direction=readonly_int(self.direction),
+        )
+
+    def runs_mask(self, run_ids: tuple[str, ...]) -> IntArray:
+        """Return the readings of some runs, as indices."""
+        wanted = [self.run_ids.index(r) for r in run_ids]
+        return np.flatnonzero(np.isin(self.record.run, wanted))
+
+    def take(self, rows: IntArray) -> "Channel":
+        """Return some readings as a channel of its own."""
+        kept: list[int] = np.unique(self.record.run[rows]).tolist()
+        return Channel(
+            serial=self.serial,
+            run_ids=tuple(self.run_ids[r] for r in kept),
+            record=self.record.take(rows),
+            temp_c=self.temp_c[rows],
+            position_deg=self.position_deg[rows],
+            direction=self.direction[rows],
+            has_input=self.has_input,
+            output_unit=self.output_unit,
+            nominal_scale=self.nominal_scale,
+            gravity_m_s2=self.gravity_m_s2,
+        )
+
+
+def channel_of(runs: RecordedRuns, serial: str, *, t_ref_c: float = 25.0) -> Channel:
+    """Take one accelerometer out of recorded runs; flagged readings are left out.
+
+    Parameters
+    ----------
+    runs : RecordedRuns
+    serial : str
+    t_ref_c : float
+        Reference temperature, °C.
+
+    Raises
+    ------
+    InputError
+        If there is no such accelerometer, no good reading of it, or its runs differ in unit,
+        gravity or nominal scale.
+    """
+    mine = runs.select(serial)
+    codes = mine.run.codes
+    good = np.flatnonzero(mine.good)
+    rows = good[np.argsort(codes[good], kind="stable")]
+    if rows.size == 0:
+        raise InputError(runs.source, f"serial {serial}", "every reading is flagged")
+    return _channel(mine, serial, rows, t_ref_c)
+
+
+def _channel(mine: RecordedRuns, serial: str, rows: IntArray, t_ref_c: float) -> Channel:
+    present, run = np.unique(mine.run.codes[rows], return_inverse=True)
+    time_s, temp_c = mine.time_s[rows], mine.temp_c[rows]
+    slow_c, rate = smooth_temperature(time_s, temp_c, run)
+    force = mine.specific_force_g[rows] if mine.has_input else np.zeros((rows.size, 3))
+    return Channel(
+        serial=serial,
+        run_ids=tuple(mine.run_ids[int(k)] for k in present),
+        record=Record(
+            time_s=time_s,
+            run=run,
+            signals={
+                "a_i_g": force[:, 0],
+                "a_p_g": force[:, 1],
+                "a_o_g": force[:, 2],
+                "x_c": temp_c - t_ref_c,
+                "x_slow_c": slow_c - t_ref_c,
+                "rate_c_per_min": rate,
+            },
+            output=mine.output[rows] / mine.nominal_scale,
+        ),
+        temp_c=temp_c,
+        position_deg=mine.position_deg[rows],
+        direction=direction_of(rate),
+        has_input=mine.has_input,
+        output_unit=mine.output_unit,
+        nominal_scale=mine.nominal_scale,
+        gravity_m_s2=mine.gravity_m_s2,
+    )
+
+
+def direction_of(rate_c_per_min: FloatArray) -> IntArray:
+    """Tell heating (1), cooling (−1) and hold (0) from the rate of temperature."""
+    fastest = float(np.quantile(np.abs(rate_c_per_min), 0.95)) if rate_c_per_min.size else 0.0
+    moving = np.abs(rate_c_per_min) > HOLD_SHARE * fastest
+    return np.where(moving, np.sign(rate_c_per_min), 0).astype(np.intp)
+
+
+def smooth_temperature(
+    time_s: FloatArray, temp_c: FloatArray, run: IntArray
+) -> tuple[FloatArray, FloatArray]:
+    """Fit a straight line to the temperature around each reading, within its run.
+
+    Returns
+    -------
+    slow_c : ndarray, shape (n,)
+        The line's value at the reading, °C.
+    rate_c_per_min : ndarray, shape (n,)
+        Its slope, °C/min.
+    """
+    slow = np.array(temp_c, dtype=float)
+    rate = np.zeros(temp_c.size)
+    for number in np.unique(run):
+        rows = np.flatnonzero(run == number)
+        if rows.size >= 3:
+            slow[rows], rate[rows] = _local_line(time_s[rows], temp_c[rows])
+    return slow, rate
+
+
+def _local_line(t: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+    half = max(RATE_WINDOW_S / 2, 2.5 * float(np.median(np.diff(t))))
+    lo, hi = np.searchsorted(t, t - half, "left"), np.searchsorted(t, t + half, "right")
+    at, level = t - t[0], y - y.mean()
+
+    def window_sum(values: FloatArray) -> FloatArray:
+        total = np.concatenate([[0.0], np.cumsum(values)])
+        return total[hi] - total[lo]
+
+    n = window_sum(np.ones_like(at))
+    mean_t, mean_y = window_sum(at) / n, window_sum(level) / n
+    spread = window_sum(at**2) - n * mean_t**2
+    cross = window_sum(at * level) - n * mean_t * mean_y
+    enough = (n >= 3) & (spread > 1e-6 * half**2)
+    slope = np.where(enough, cross / np.where(enough, spread, 1.0), 0.0)
+    value = np.where(enough, mean_y + slope * (at - mean_t) + y.mean(), y)
+    return value, slope * 60.0
