@@ -32,7 +32,7 @@ class Eurotherm3504(ModbusChamber):
             return "set point is local"
         return self._set("remote_select", "local")
 
-    def _leave_profile(self) -> None:
+    def _leave_profile(self, next_c: float) -> None:
         self._end_program()
 
     def _end_program(self) -> str:

@@ -7,6 +7,7 @@ the EEPROM, whose writes are counted.
 
 import logging
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 
 from drivers.chamber_modbus import ModbusChamber, SafeStep
 from drivers.errors import DeviceError, LimitError, LinkError, ProtocolError
@@ -153,8 +154,11 @@ class WatlowF4(ModbusChamber):
 
     # ---- the rest of a chamber
 
-    def _leave_profile(self) -> None:
+    def _leave_profile(self, next_c: float) -> None:
         if self._state("state") in _RUNNING:
+            # the end of a profile puts the static set point in force, which may be an old one
+            with suppress(DeviceError):
+                self._set("setpoint", next_c)
             self._end_profile()
 
     def _end_profile(self) -> str:
@@ -174,6 +178,7 @@ class WatlowF4(ModbusChamber):
 
     def _safe_steps(self, temp_c: float) -> Sequence[SafeStep]:
         return (
+            ("set point to come", lambda: self._set_safe_temp(temp_c)),
             ("end profile", self._end_profile),
             ("set point", lambda: self._set_safe_temp(temp_c)),
         )

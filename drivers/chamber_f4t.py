@@ -26,7 +26,7 @@ class WatlowF4T(ModbusChamber):
         self._set("ramp_action", "setpoint")
         self._set("setpoint", temp_c)
 
-    def _leave_profile(self) -> None:
+    def _leave_profile(self, next_c: float) -> None:
         self._end_profile()
 
     def _end_profile(self) -> str:

@@ -131,7 +131,7 @@ class ModbusChamber:
     def hold_temp_c(self, temp_c: float) -> None:
         """Go to `temp_c` (°C) as fast as the chamber does, and hold."""
         self._check_temp(temp_c)
-        self._leave_profile()
+        self._leave_profile(temp_c)
         self._hold(temp_c)
 
     def ramp_to_c(self, temp_c: float, rate_c_per_min: float) -> None:
@@ -151,10 +151,10 @@ class ModbusChamber:
         """
         self._check_temp(temp_c)
         self._check_rate(rate_c_per_min)
-        self._leave_profile()
         # The controllers ramp from the set point in force; that is first put where the chamber is.
         present_c = self.read_temp_c()
         start_c = min(max(present_c, self._limits_c.lo), self._limits_c.hi)
+        self._leave_profile(start_c)
         self._hold(start_c)
         self._ramp(start_c, temp_c, rate_c_per_min)
 
@@ -207,8 +207,8 @@ class ModbusChamber:
         """Start a ramp to `temp_c`; the set point in force is `start_c`."""
         raise NotImplementedError
 
-    def _leave_profile(self) -> None:
-        """End a profile or program that somebody started."""
+    def _leave_profile(self, next_c: float) -> None:
+        """End a profile or program that somebody started; `next_c` is where the loop goes then."""
         raise NotImplementedError
 
     def _sensor_fault(self) -> str:

@@ -348,7 +348,7 @@ class ModbusLink:
             return self._client
         client = self._open()
         if self._endpoint.transport != "tcp":
-            self._settle(client)
+            client = self._settle(client)
         self._must_settle = False
         return client
 
@@ -406,8 +406,13 @@ class ModbusLink:
             reason = getattr(error, "strerror", None) or str(error).partition("\n")[0]
             raise LinkError(f"{self.name}: cannot open {self.url}: {reason}") from None
 
-    def _settle(self, client: ModbusTcpClient | ModbusSerialClient) -> None:
-        """Bring an RTU line into step: let it fall quiet, then have the barrier answered."""
+    def _settle(
+        self, client: ModbusTcpClient | ModbusSerialClient
+    ) -> ModbusTcpClient | ModbusSerialClient:
+        """Bring an RTU line into step: let it fall quiet, then have the barrier answered.
+
+        Returns the client that is in step; the one given may have been replaced.
+        """
         if self._must_settle:
             self._drain(client, self._config.timeout_s)
         for _ in range(BARRIER_TRIES):
@@ -418,13 +423,13 @@ class ModbusLink:
             try:
                 self._converse(client, barrier)
             except RefusalError:  # an answer too
-                return
+                return client
             except ProtocolError as failure:
                 log.warning("%s; waiting for the line to fall quiet", failure)
                 client = self._open()
                 self._drain(client, self._config.timeout_s)
             else:
-                return
+                return client
         raise ProtocolError(f"{self.name}: replies do not fit the questions asked, {self.url}")
 
     def _drain(self, client: ModbusTcpClient | ModbusSerialClient, quiet_s: float) -> None:
