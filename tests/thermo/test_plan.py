@@ -1,0 +1,123 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.station import StationConfig
+from errormodel.errors import InputError
+from errormodel.files import read_toml
+from thermo.plan import coverage, make_plan, visit_order
+from thermo.plan_text import plan_lines
+from thermo.sequence import Positions, Sequence, load_sequence, parse_sequence
+
+ROOT = Path(__file__).parents[2]
+STATION = read_toml(ROOT / "data/stations/f4t.toml", StationConfig)
+SHORT = (ROOT / "data/sequences/short.toml").read_text(encoding="utf-8")
+
+
+def changed(*pairs: tuple[str, str]) -> Sequence:
+    text = SHORT
+    for old, new in pairs:
+        assert old in text
+        text = text.replace(old, new, 1)
+    return parse_sequence(text)
+
+
+@pytest.mark.parametrize("name", ["overnight", "demo", "short"])
+@pytest.mark.parametrize("station", ["f4t", "f4", "3504"])
+def test_shipped_sequences_run_on_shipped_stations(name: str, station: str) -> None:
+    config = read_toml(ROOT / f"data/stations/{station}.toml", StationConfig)
+    plan = make_plan(load_sequence(ROOT / f"data/sequences/{name}.toml"), config)
+    assert plan.slots > 0
+    lines = plan_lines(plan)
+    assert all("\n" not in line for line in lines)
+
+
+def test_short_sequence_by_hand() -> None:
+    plan = make_plan(parse_sequence(SHORT), STATION)
+    # 2 min + 3 min + 2 min at 15 s
+    assert plan.slots == 28
+    assert plan.run_s == 420
+    assert plan.readings == 28 * 2 * 2
+    # twice (5 °C at 1 °C/min + the run) and 0.1 h between
+    assert plan.total_s == 2 * (300 + 420) + 360
+    run = plan.run(1)
+    assert run.segment.tolist() == [0] * 8 + [1] * 12 + [2] * 8
+    np.testing.assert_allclose(run.commanded_c[8:20], 20 + 0.5 * np.arange(12), atol=1e-9)
+    assert run.position_deg[:5].tolist() == [0, 90, 180, 270, 0]
+
+
+def test_coverage_counts_every_slot() -> None:
+    plan = make_plan(load_sequence(ROOT / "data/sequences/overnight.toml"), STATION)
+    counts = coverage(plan)
+    assert sum(counts.values()) == plan.slots * plan.runs
+    assert {angle for _, angle in counts} == {45.0 * k for k in range(8)}
+
+
+@given(
+    st.lists(st.integers(-180, 180).map(float), min_size=1, max_size=8, unique=True),
+    st.integers(1, 3),
+    st.integers(0, 100),
+)
+def test_every_round_visits_every_position(angles: list[float], times: int, seed: int) -> None:
+    positions = Positions(
+        angles_deg=tuple(angles), order="random", seed=seed, readings_per_position=times
+    )
+    visits = visit_order(positions, 1)
+    for _ in range(3):
+        one = [next(visits) for _ in range(len(angles) * times)]
+        assert sorted(one) == sorted(angles * times)
+        assert one[::times] == one[times - 1 :: times]  # readings at a position are consecutive
+
+
+def test_random_order_is_new_each_round_and_run_and_the_same_again() -> None:
+    positions = Positions(angles_deg=tuple(float(a) for a in range(12)), order="random", seed=5)
+
+    def first(run: int, count: int = 24) -> list[float]:
+        visits = visit_order(positions, run)
+        return [next(visits) for _ in range(count)]
+
+    assert first(1) == first(1)
+    assert first(1)[:12] != first(1)[12:]
+    assert first(1) != first(2)
+
+
+def test_a_segment_may_have_positions_of_its_own() -> None:
+    own = "to_c = 26.0\npositions = {angles_deg = [45.0, 225.0]}"
+    run = make_plan(changed(("to_c = 26.0", own)), STATION).run(1)
+    assert set(run.position_deg[run.segment == 1]) == {45.0, 225.0}
+    assert set(run.position_deg[run.segment != 1]) == {0.0, 90.0, 180.0, 270.0}
+
+
+@pytest.mark.parametrize(
+    ("pairs", "words"),
+    [
+        ((("QA-002", "QA-777"),), ("accelerometers.1.serial", "QA-777", "QA-003")),
+        ((("to_c = 26.0", "to_c = 90.0"),), ("segment 1", "90", "85")),
+        ((("rate_c_per_min = 2.0", "rate_c_per_min = 9.0"),), ("segment 1", "9 °C/min", "5")),
+        ((("270.0", "400.0"),), ("positions.angles_deg", "400", "360")),
+        # back from 270° to 0° at 40 °/s: 6.75 + 0.5 s; settling 0.5 s; 4 channels of 37 ms
+        ((("period_s = 15.0", "period_s = 7.8"),), ("sampling.period_s", "270°", "7.9 s")),
+        ((("period_s = 15.0", "period_s = 1e-9"),), ("sampling.period_s", "5000000")),
+        (
+            (("[after_gap]", "[limits]\nchamber_c = [-80.0, 50.0]\n[after_gap]"),),
+            ("limits.chamber_c", "wider"),
+        ),
+    ],
+)
+def test_what_the_station_cannot_do_is_refused(
+    pairs: tuple[tuple[str, str], ...], words: tuple[str, ...]
+) -> None:
+    with pytest.raises(InputError) as caught:
+        make_plan(changed(*pairs), STATION, "seq.toml")
+    for word in ("seq.toml", *words):
+        assert word in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_dry_run_text_says_what_matters() -> None:
+    text = "\n".join(plan_lines(make_plan(parse_sequence(SHORT), STATION), lambda _: ["foreseen"]))
+    for word in ("30 min", "112", "QA-001, QA-002", "repeat the segment", "foreseen", "+2.00"):
+        assert word in text
