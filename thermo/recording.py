@@ -163,7 +163,7 @@ def make_runs(
             except (TypeError, ValueError):
                 raise InputError(source, f"column {name}", "expected numbers") from None
         else:
-            text[name] = Labels.of("" if pd.isna(v) else str(v) for v in column.tolist())
+            text[name] = Labels.of(column.to_numpy(dtype=object))
     table = Table(text, number, source, lambda row: f"row {row + 1}")
     return build(table, sidecar.scale, sidecar.run_start_utc)
 

@@ -87,7 +87,7 @@ def _checked_names(table: Table, column: str) -> Labels:
         if not name or not name.isprintable():
             row = int(np.argmax(labels.codes == code))
             raise table.fail(row, f"{column} {name!r:.60}, expected a printable text")
-    return _merged(labels, stripped)
+    return labels.renamed(stripped)
 
 
 def _normal_flags(table: Table) -> Labels:
@@ -95,13 +95,7 @@ def _normal_flags(table: Table) -> Labels:
     if labels is None:
         return Labels(np.zeros(len(table), dtype=np.int64), ("",))
     names = [" ".join(name.split()) for name in labels.names]
-    return _merged(labels, ["" if name.lower() in GOOD_FLAGS else name for name in names])
-
-
-def _merged(labels: Labels, new_names: list[str]) -> Labels:
-    names = tuple(dict.fromkeys(new_names))
-    table = np.array([names.index(name) for name in new_names], dtype=np.int64)
-    return Labels(table[labels.codes], names)
+    return labels.renamed(["" if name.lower() in GOOD_FLAGS else name for name in names])
 
 
 def _check_finite(table: Table, number: Mapping[str, FloatArray], good: BoolArray) -> None:

@@ -30,6 +30,7 @@ arrow_parquet: Any = pyarrow.parquet
 arrow_compute: Any = pyarrow.compute
 ArrowError: type[Exception] = arrow.ArrowException
 
+PIECE = 20_000  # lines
 TEXTS = ("run", "serial", "flag")
 KNOWN = (*COLUMNS, "flag")
 NUMERIC = ("integer", "floating", "decimal", "null")  # Parquet types that a number may have
@@ -49,16 +50,16 @@ def read_csv_table(path: Path) -> Table:
     text = _decoded(path)
     header_line, names = _header(path, text)
     present = _checked_columns(path, f"line {header_line}", names)
-    try:
-        table = _parse_fast(text, header_line, names, present)
-    except ArrowError:
-        return _parse_slowly(path, text, header_line, names, present)
-    if table.num_rows == 0:
-        raise InputError(path, "", "has a header and no readings")
 
     def place(row: int) -> str:
         return f"line {_line_of_row(text, header_line, row)}"
 
+    try:
+        table = _parse_fast(text, header_line, names, present)
+    except ArrowError:
+        table = _parse_in_pieces(path, text, header_line, names, present)
+    if table.num_rows == 0:
+        raise InputError(path, "", "has a header and no readings")
     return _from_arrow(table, str(path), place)
 
 
@@ -148,7 +149,7 @@ def _parse_fast(text: str, header_line: int, names: list[str], present: list[str
         ),
         convert_options=arrow_csv.ConvertOptions(
             include_columns=present,
-            column_types={n: arrow.float64() if n in NUMBERS else arrow.string() for n in present},
+            column_types={name: _kind(name) for name in present},
             null_values=[""],
             strings_can_be_null=False,
         ),
@@ -181,26 +182,34 @@ def _line_of_row(text: str, header_line: int, row: int) -> int:
     return next(islice(numbers, row, None), 0)
 
 
-def _parse_slowly(
+def _parse_in_pieces(
     path: Path, text: str, header_line: int, names: list[str], present: list[str]
-) -> Table:
+) -> Any:
+    """Parse by pieces; only those that stumble are read cell by cell, up to the first fault."""
+    lines, parts = _lines(text, header_line), list[Any]()
+    while piece := list(islice(lines, PIECE)):
+        try:
+            parts.append(_parse_fast("".join(line for _, line in piece), 0, names, present))
+        except ArrowError:
+            parts.append(_parse_slowly(path, piece, names, present))
+    return arrow.concat_tables(parts)
+
+
+def _parse_slowly(
+    path: Path, piece: list[tuple[int, str]], names: list[str], present: list[str]
+) -> Any:
     where = {name: names.index(name) for name in present}
-    text_cells: dict[str, list[str]] = {name: [] for name in present if name in TEXTS}
-    number_cells: dict[str, list[float]] = {name: [] for name in present if name in NUMBERS}
-    lines: list[int] = []
-    for line, row in _lines(text, header_line):
+    columns: dict[str, list[Any]] = {name: [] for name in present}
+    for line, row in piece:
         cells = _cells(path, line, row, len(names))
-        lines.append(line)
-        for name, kept in text_cells.items():
-            kept.append(cells[where[name]])
-        for name, values in number_cells.items():
-            values.append(_number(path, line, name, cells[where[name]]))
-    return Table(
-        {name: Labels.of(cells) for name, cells in text_cells.items()},
-        {name: np.array(values, dtype=np.float64) for name, values in number_cells.items()},
-        str(path),
-        lambda row: f"line {lines[row]}",
-    )
+        for name, values in columns.items():
+            cell = cells[where[name]]
+            values.append(_number(path, line, name, cell) if name in NUMBERS else cell)
+    return arrow.table({name: arrow.array(v, type=_kind(name)) for name, v in columns.items()})
+
+
+def _kind(name: str) -> Any:
+    return arrow.float64() if name in NUMBERS else arrow.string()
 
 
 def _cells(path: Path, line: int, row: str, expected: int) -> list[str]:

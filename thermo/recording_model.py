@@ -6,7 +6,7 @@ the outputs mean (unit, gravity, nominal scale) comes from the file and is kept 
 """
 
 import hashlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
 from types import MappingProxyType
@@ -14,7 +14,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from errormodel.errors import InputError
 
@@ -47,10 +47,20 @@ class Labels:
     names: tuple[str, ...]
 
     @classmethod
-    def of(cls, values: Iterable[str]) -> "Labels":
-        """Encode texts, the names in order of first appearance."""
-        codes, names = pd.factorize(np.asarray(list(values), dtype=object))
-        return cls(codes.astype(np.int64), tuple(str(name) for name in names))
+    def of(cls, values: ArrayLike) -> "Labels":
+        """Encode values as texts, a missing one as "", names in order of first appearance."""
+        found, uniques = pd.factorize(np.asarray(values, dtype=object))
+        names = [str(value) for value in uniques]
+        if (found < 0).any():
+            found = np.where(found < 0, len(names), found)
+            names.append("")
+        return cls(found.astype(np.int64), tuple(names)).renamed(names)
+
+    def renamed(self, new_names: Sequence[str]) -> "Labels":
+        """Put another text for each name; names that become equal become one."""
+        names = tuple(dict.fromkeys(new_names))
+        table = np.array([names.index(name) for name in new_names], dtype=np.int64)
+        return Labels(table[self.codes], names)
 
     @classmethod
     def join(cls, parts: Sequence["Labels"]) -> "Labels":
