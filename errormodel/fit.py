@@ -6,8 +6,9 @@ a matrix as small as the model, for one channel or for a thousand that shared th
 Nonlinear parameters are fitted continuously outside of that (variable projection).
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from scipy import linalg, optimize
@@ -18,6 +19,8 @@ from errormodel.model import ErrorModel
 from errormodel.noise import NoiseFit, NoiseModel, estimate_noise
 from errormodel.record import Record
 from errormodel.separability import Separability, separability
+
+Weighting = Literal["equal", "noise"]
 
 MAX_STEPS = 30
 # Gauss-Newton stops when a step is this small in sigmas: far below any digit that is reported.
@@ -134,6 +137,7 @@ def fit(
     record: Record,
     *,
     noise: NoiseModel | None = None,
+    weighting: Weighting = "equal",
     start: Mapping[str, float] | None = None,
 ) -> ModelFit:
     """Fit a model to one channel's measured output.
@@ -144,7 +148,11 @@ def fit(
     record : Record
         With `output` of shape (n,), in the unit of the model's input.
     noise : NoiseModel, optional
-        The noise when it is known; by default white noise and drift are estimated with it.
+        The noise when it is known; by default white noise and drift are estimated.
+    weighting : {"equal", "noise"}
+        Every reading counts alike, or as the noise says (generalised least squares). The sigmas
+        are those of the noise either way. Equal weights keep the smallest rms when the model
+        lacks an effect, because the missing effect then poses as drift.
     start : mapping, optional
         Start values by name; default: an ideal channel.
 
@@ -160,19 +168,29 @@ def fit(
         If the record has no output or fewer readings than unknowns.
     """
     output = _single_output(model, record)
+    white = NoiseModel(white=1.0)
     values = {**model.start_values(), **(start or {})}
-    _refuse_confounded(model, record, values, NoiseModel(white=1.0), known_sigma=0.0)
-    assumed = noise or NoiseModel(white=1.0)
-    found: NoiseFit | None = None
-    for _ in range(1 if noise else 3):
-        values = _solve(model, record, output, assumed, values)
-        if noise is None:
-            columns = derivative(model, record, values)
-            found = estimate_noise(record, output - model.simulate(record, values), columns)
-            assumed = found.noise
-    _refuse_confounded(model, record, values, assumed, known_sigma=1.0)
-    support = found.support if found else ((1.0, assumed),)
-    return _result(model, record, output, assumed, support, values)
+    _refuse_confounded(model, record, values, white, known_sigma=0.0)
+    weights = noise if noise and weighting == "noise" else white
+    values = _solve(model, record, output, weights, values)
+    found = _given(noise) if noise else _estimated(model, record, output, values)
+    if noise is None and weighting == "noise":
+        for _ in range(2):
+            values = _solve(model, record, output, found.noise, values)
+            found = _estimated(model, record, output, values)
+    _refuse_confounded(model, record, values, found.noise, known_sigma=1.0)
+    return _result(model, record, output, values, found, weighting)
+
+
+def _given(noise: NoiseModel) -> NoiseFit:
+    return NoiseFit(noise=noise, support=((1.0, noise),))
+
+
+def _estimated(
+    model: ErrorModel, record: Record, output: FloatArray, values: Mapping[str, float]
+) -> NoiseFit:
+    residual = output - model.simulate(record, values)
+    return estimate_noise(record, residual, derivative(model, record, values))
 
 
 def _single_output(model: ErrorModel, record: Record) -> FloatArray:
@@ -289,43 +307,69 @@ def _result(
     model: ErrorModel,
     record: Record,
     output: FloatArray,
-    noise: NoiseModel,
-    support: tuple[tuple[float, NoiseModel], ...],
     values: dict[str, float],
+    found: NoiseFit,
+    weighting: Weighting,
 ) -> ModelFit:
     """Put the result together; the covariance is averaged over the noise the data allow."""
     columns = derivative(model, record, values)
     residual = output - model.simulate(record, values)
     norms = np.linalg.norm(columns, axis=0)
     norms = np.where(norms > 0, norms, 1.0)
-    joint = np.column_stack([columns / norms, residual])
-
-    def linear(shape: NoiseModel) -> tuple[FloatArray, FloatArray, float]:
-        """Return the step the residual asks for, its covariance, and the condition number."""
-        whitened = shape.whiten(record, joint)
-        q, r = linalg.qr(whitened[:, :-1], mode="economic", check_finite=False)
-        inverse = linalg.pinv(r)
-        return inverse @ (q.T @ whitened[:, -1]), inverse @ inverse.T, float(np.linalg.cond(r))
-
-    _, cov, condition = linear(noise)
-    if len(support) > 1:
-        steps, covs = zip(*((s, c) for s, c, _ in (linear(n) for _, n in support)), strict=True)
-        shares = np.array([w for w, _ in support]) / sum(w for w, _ in support)
-        mean = np.einsum("i,ij->j", shares, np.array(steps))
-        apart = np.array(steps) - mean
-        cov = np.einsum("i,ijk->jk", shares, np.array(covs)) + np.einsum(
-            "i,ij,ik->jk", shares, apart, apart
-        )
+    scaled = columns / norms
+    shares = np.array([w for w, _ in found.support])
+    law = _equal_covariance if weighting == "equal" else _noise_covariance
+    covs = law(record, scaled, residual, [noise for _, noise in found.support], shares)
     return ModelFit(
         model=model,
         names=model.names,
         values=np.array([values[name] for name in model.names]),
-        cov=cov / np.outer(norms, norms),
-        noise=noise,
+        cov=covs / np.outer(norms, norms),
+        noise=found.noise,
         rms=float(np.sqrt(np.mean(residual**2))),
         n=len(record),
-        condition=condition,
+        condition=float(np.linalg.cond(scaled)),
     )
+
+
+def _equal_covariance(
+    record: Record,
+    columns: FloatArray,
+    residual: FloatArray,
+    noises: Sequence[NoiseModel],
+    shares: FloatArray,
+) -> FloatArray:
+    """Return A V Aᵀ with A the least-squares inverse, averaged over the noises."""
+    del residual
+    q, r = linalg.qr(columns, mode="economic", check_finite=False)
+    inverse = linalg.pinv(r)
+    middle = [
+        w * (q.T @ v.covariance_times(record, q)) for w, v in zip(shares, noises, strict=True)
+    ]
+    return inverse @ (np.sum(middle, axis=0) / shares.sum()) @ inverse.T
+
+
+def _noise_covariance(
+    record: Record,
+    columns: FloatArray,
+    residual: FloatArray,
+    noises: Sequence[NoiseModel],
+    shares: FloatArray,
+) -> FloatArray:
+    """Return (Jᵀ V⁻¹ J)⁻¹ averaged over the noises, with how far the estimate moves with them."""
+    joint = np.column_stack([columns, residual])
+    steps: list[FloatArray] = []
+    covs: list[FloatArray] = []
+    for noise in noises:
+        whitened = noise.whiten(record, joint)
+        q, r = linalg.qr(whitened[:, :-1], mode="economic", check_finite=False)
+        inverse = linalg.pinv(r)
+        steps.append(inverse @ (q.T @ whitened[:, -1]))
+        covs.append(inverse @ inverse.T)
+    share = shares / shares.sum()
+    apart = np.array(steps) - share @ np.array(steps)
+    within = np.einsum("i,ijk->jk", share, np.array(covs))
+    return within + np.einsum("i,ij,ik->jk", share, apart, apart)
 
 
 def fit_many(
