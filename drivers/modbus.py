@@ -65,7 +65,7 @@ class RefusalError(DeviceError):
         return self.code in _ABSENT
 
 
-class _BadReplyError(Exception):
+class BadReplyError(Exception):
     """The bytes so far cannot become the answer."""
 
 
@@ -281,7 +281,7 @@ class ModbusLink:
         try:
             reply = self._call(client, question)
             clean = True
-        except _BadReplyError as error:
+        except BadReplyError as error:
             self.counters.bad_replies += 1
             raise ProtocolError(f"{where}: {error}, link dropped, {self.url}") from None
         except Exception as error:  # the library lets out many kinds; none may go further
@@ -330,7 +330,7 @@ class ModbusLink:
         self._heard = True
         check_reply(self._request, bytes(data), rtu=self._endpoint.transport != "tcp")
         if time.monotonic() > self._deadline_s:
-            raise _BadReplyError("the reply trickles in too slowly")
+            raise BadReplyError("the reply trickles in too slowly")
         return data
 
     # ---- the link itself
@@ -476,7 +476,7 @@ def check_reply(request: bytes, reply: bytes, *, rtu: bool) -> None:
 
     Raises
     ------
-    _BadReplyError
+    BadReplyError
         At the first byte that cannot belong to the answer, at bytes too many, and on a wrong CRC.
     """
     head = 1 if rtu else 7
@@ -495,10 +495,10 @@ def check_reply(request: bytes, reply: bytes, *, rtu: bool) -> None:
             continue
         whole = head + length + (2 if rtu else 0)
         if len(reply) > whole:
-            raise _BadReplyError(f"{len(reply)} bytes came back, expected {whole}")
+            raise BadReplyError(f"{len(reply)} bytes came back, expected {whole}")
         if rtu and len(reply) == whole:
             crc = FramerRTU.compute_CRC(reply[:-2]).to_bytes(2, "big")
             if reply[-2:] != crc:
-                raise _BadReplyError(f"CRC {reply[-2:].hex()} is wrong, expected {crc.hex()}")
+                raise BadReplyError(f"CRC {reply[-2:].hex()} is wrong, expected {crc.hex()}")
         return
-    raise _BadReplyError(f"{reply[:16].hex(' ')} is no answer to {request[:16].hex(' ')}")
+    raise BadReplyError(f"{reply[:16].hex(' ')} is no answer to {request[:16].hex(' ')}")
