@@ -14,6 +14,7 @@ import numpy as np
 from scipy import linalg, optimize
 
 from errormodel.arrays import FloatArray, freeze, readonly
+from errormodel.compressed import compress, solve_compressed
 from errormodel.errors import NotSeparableError
 from errormodel.model import ErrorModel
 from errormodel.noise import NoiseFit, NoiseModel, estimate_noise
@@ -21,10 +22,6 @@ from errormodel.record import Record
 from errormodel.separability import Separability, separability
 
 Weighting = Literal["equal", "noise"]
-
-MAX_STEPS = 30
-# Gauss-Newton stops when a step is this small in sigmas: far below any digit that is reported.
-STEP_SIGMAS = 1e-7
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -79,59 +76,6 @@ class ModelFit:
         return float(self.sigmas[self.names.index(name)])
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Compressed:
-    """Whitened products and outputs, rotated so that only as many rows are left as columns."""
-
-    triangle: FloatArray  # (≤ P, P)
-    target: FloatArray  # (≤ P, m)
-    rest2: FloatArray  # (m,): squared length of what no combination of products explains
-
-
-def compress(products: FloatArray, outputs: FloatArray) -> Compressed:
-    """Rotate whitened products (n, P) and outputs (n, m) into a triangle of P rows."""
-    q, triangle = linalg.qr(products, mode="economic", check_finite=False)
-    target = q.T @ outputs
-    rest2 = np.sum((outputs - q @ target) ** 2, axis=0)
-    return Compressed(triangle=triangle, target=target, rest2=rest2)
-
-
-def solve_compressed(
-    model: ErrorModel, data: Compressed, start: Mapping[str, float]
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Run Gauss-Newton on compressed data, for all its channels at once.
-
-    Returns
-    -------
-    values : ndarray, shape (m, p)
-        The linear coefficients, in the order of `model.coefficients`.
-    information : ndarray, shape (m, p, p)
-        JᵀJ at the solution.
-    cost : ndarray, shape (m,)
-        Whitened sum of squares.
-    """
-    m = data.target.shape[1]
-    names = [c.name for c in model.coefficients]
-    values = np.tile([start[name] for name in names], (m, 1)).astype(float)
-    information = np.zeros((m, len(names), len(names)))
-    for _ in range(MAX_STEPS):
-        weights, jacobian = model.product_weights(values)
-        residual = data.target.T - weights @ data.triangle.T
-        columns = np.einsum("rp,mpc->mrc", data.triangle, jacobian)
-        norms = np.linalg.norm(columns, axis=1)
-        norms = np.where(norms > 0, norms, 1.0)
-        q, r = np.linalg.qr(np.asarray(columns / norms[:, None, :], dtype=np.float64))
-        rotated = np.asarray(np.einsum("mrc,mr->mc", q, residual)[..., None], dtype=np.float64)
-        step: FloatArray = np.linalg.solve(r, rotated)[..., 0] / norms
-        values = values + step
-        information = np.einsum("mrc,mrd->mcd", columns, columns)
-        if np.all(np.einsum("mc,mcd,md->m", step, information, step) < STEP_SIGMAS**2):
-            break
-    weights, _ = model.product_weights(values)
-    residual = data.target.T - weights @ data.triangle.T
-    return values, information, np.sum(residual**2, axis=1) + data.rest2
-
-
 def fit(
     model: ErrorModel,
     record: Record,
@@ -170,7 +114,7 @@ def fit(
     output = _single_output(model, record)
     white = NoiseModel(white=1.0)
     values = {**model.start_values(), **(start or {})}
-    _refuse_confounded(model, record, values, white, known_sigma=0.0)
+    _refuse_confounded(model, record, values, before=True)
     weights = noise if noise and weighting == "noise" else white
     values = _solve(model, record, output, weights, values)
     found = _given(noise) if noise else _estimated(model, record, output, values)
@@ -178,7 +122,7 @@ def fit(
         for _ in range(2):
             values = _solve(model, record, output, found.noise, values)
             found = _estimated(model, record, output, values)
-    _refuse_confounded(model, record, values, found.noise, known_sigma=1.0)
+    _refuse_confounded(model, record, values, before=False)
     return _result(model, record, output, values, found, weighting)
 
 
@@ -274,30 +218,18 @@ def derivative(model: ErrorModel, record: Record, values: Mapping[str, float]) -
     return np.hstack(columns)
 
 
-def examine(
-    model: ErrorModel,
-    record: Record,
-    values: Mapping[str, float],
-    noise: NoiseModel,
-    *,
-    known_sigma: float = 1.0,
-) -> Separability:
-    """Tell what a record can separate of a model, before or after there is an output."""
-    columns = noise.whiten(record, derivative(model, record, values))
-    limits = [c.limit for c in model.coefficients] + [None] * len(model.parameters)
-    return separability(columns, model.names, known_sigma, limits)
+def examine(model: ErrorModel, record: Record, values: Mapping[str, float]) -> Separability:
+    """Tell what a record can separate of a model; the record needs no output."""
+    shares = [c.min_share for c in model.coefficients] + [1e-6] * len(model.parameters)
+    return separability(derivative(model, record, values), model.names, shares)
 
 
 def _refuse_confounded(
-    model: ErrorModel,
-    record: Record,
-    values: Mapping[str, float],
-    noise: NoiseModel,
-    known_sigma: float,
+    model: ErrorModel, record: Record, values: Mapping[str, float], *, before: bool
 ) -> None:
     # A nonlinear parameter has no effect while its coefficient is still zero: judge it afterwards.
-    judged = model.names if known_sigma else [c.name for c in model.coefficients]
-    confounded = examine(model, record, values, noise, known_sigma=known_sigma).confounded
+    judged = [c.name for c in model.coefficients] if before else model.names
+    confounded = examine(model, record, values).confounded
     groups = [group for group in confounded if set(group) <= set(judged)]
     if groups:
         raise NotSeparableError(groups)
@@ -404,7 +336,7 @@ def fit_many(
         raise ValueError("the record must have outputs of shape (n, m)")
     shape = noise or NoiseModel(white=1.0)
     start = model.start_values()
-    _refuse_confounded(model, record, start, NoiseModel(white=1.0), known_sigma=0.0)
+    _refuse_confounded(model, record, start, before=True)
     products = model.design(record, start)[0].products()
     p = products.shape[1]
     whitened = shape.whiten(record, np.column_stack([products, record.output]))

@@ -8,9 +8,6 @@ from scipy import linalg
 
 from errormodel.arrays import FloatArray
 
-# A column that the others reproduce to this share of its length (1e-6: rounding of recorded
-# angles and temperatures reaches 1e-7) carries nothing of its own.
-ALIASED_SHARE = 1e-6
 # Partners in a confounded group take part with at least this share of the largest.
 PARTNER_SHARE = 0.2
 
@@ -35,23 +32,19 @@ class Separability:
 def separability(
     columns: FloatArray,
     names: Sequence[str],
-    sigma: float = 0.0,
-    limits: Sequence[float | None] = (),
+    min_shares: Sequence[float],
 ) -> Separability:
     """Find the unknowns that columns cannot separate.
 
-    A coefficient is not separable when the others reproduce its column, or when its sigma with
-    all others free exceeds `limits`: then the number would say nothing of the sensor.
+    An unknown is not separable when the others reproduce its column but for `min_shares` of its
+    length.
 
     Parameters
     ----------
     columns : ndarray, shape (n, p)
-        Whitened derivative of the model by its unknowns (any orthogonal compression will do).
+        Derivative of the model by its unknowns, whitened or not.
     names : sequence of str, length p
-    sigma : float
-        Sigma of the whitened readings (1 when the noise is known).
-    limits : sequence of float or None, length p
-        Largest magnitude each unknown can physically have.
+    min_shares : sequence of float, length p
     """
     p = columns.shape[1]
     if p == 0:
@@ -67,9 +60,7 @@ def separability(
     for j in seen:
         others = [k for k in seen if k != j]
         weights, left = _explain(triangle[:, j], triangle[:, others])
-        limit = limits[j] if j < len(limits) else None
-        weak = limit is not None and sigma > limit * left * norms[j]
-        if left < ALIASED_SHARE or weak:
+        if left < min_shares[j]:
             size = np.abs(weights)
             partners = {
                 names[k]
@@ -84,7 +75,7 @@ def _explain(column: FloatArray, others: FloatArray) -> tuple[FloatArray, float]
     """Return the weights of `others` that come nearest to a column, and the share left over."""
     if others.shape[1] == 0:
         return np.zeros(1), 1.0
-    weights, *_ = linalg.lstsq(others, column, cond=ALIASED_SHARE / 10)
+    weights, *_ = linalg.lstsq(others, column, cond=1e-8)
     return weights, float(np.linalg.norm(column - others @ weights))
 
 

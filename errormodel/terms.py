@@ -29,15 +29,16 @@ Change = Callable[[Record, Values, Memory], tuple[Record, Memory]]
 class Coefficient:
     """A linear unknown: its name, and how it is reported.
 
-    ``reported = value · per_unit`` in `unit`. `limit` (in the model's unit) is a magnitude no
-    healthy sensor of the kind reaches; a coefficient whose sigma exceeds it has not been measured.
+    ``reported = value · per_unit`` in `unit`. When the other columns reproduce all but `min_share`
+    of its own, the data do not separate it: the default allows for rounding only, a larger one
+    for inputs that are themselves known only so well.
     """
 
     name: str
     symbol: str
     unit: str
     per_unit: float = 1.0
-    limit: float | None = None
+    min_share: float = 1e-6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

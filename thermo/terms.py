@@ -26,6 +26,9 @@ from errormodel.terms import (
 )
 
 MICRO = 1e6
+# Angles are known to some 1e-4 rad at best from an unknown head: what differs by less than ten
+# times that between positions does not tell a position-dependent coefficient from another.
+POSITION_SHARE = 1e-3
 MAX_ORDER = 4
 
 
@@ -37,10 +40,12 @@ def _one(
     place: Place,
     column: Callable[[Record], FloatArray],
     needs: tuple[str, ...] = (),
-    limit: float | None = None,
+    min_share: float = 1e-6,
 ) -> Term:
     """Return a term of one coefficient, reported in millionths, without memory."""
-    coefficient = Coefficient(name=name, symbol=symbol, unit=unit, per_unit=MICRO, limit=limit)
+    coefficient = Coefficient(
+        name=name, symbol=symbol, unit=unit, per_unit=MICRO, min_share=min_share
+    )
     return Term(
         name=name,
         sentence=sentence,
@@ -57,7 +62,9 @@ def scale_factor() -> Term:
         name="k1",
         sentence="The scale factor at the reference temperature.",
         place="gain",
-        coefficients=(Coefficient(name="k1", symbol="K1", unit="nominal"),),
+        coefficients=(
+            Coefficient(name="k1", symbol="K1", unit="nominal", min_share=POSITION_SHARE),
+        ),
         columns=memoryless(lambda r: np.ones(len(r))),
     )
 
@@ -108,11 +115,6 @@ def _superscript(order: int) -> str:
     return "" if order == 1 else "²³⁴"[order - 2]
 
 
-# No pendulous accelerometer, quartz or silicon, has a larger second or third order, cross
-# coupling or misalignment than these; a sigma above them means that nothing was measured.
-_K2_LIMIT = 0.01
-_ANGLE_LIMIT = 0.1
-
 _STATIC: tuple[Term, ...] = (
     _one(
         "k2",
@@ -122,7 +124,7 @@ _STATIC: tuple[Term, ...] = (
         "input",
         lambda r: r["a_i_g"] ** 2,
         ("a_i_g",),
-        _K2_LIMIT,
+        POSITION_SHARE,
     ),
     _one(
         "k3",
@@ -132,7 +134,7 @@ _STATIC: tuple[Term, ...] = (
         "input",
         lambda r: r["a_i_g"] ** 3,
         ("a_i_g",),
-        _K2_LIMIT,
+        POSITION_SHARE,
     ),
     _one(
         "delta_o",
@@ -142,7 +144,7 @@ _STATIC: tuple[Term, ...] = (
         "input",
         lambda r: r["a_p_g"],
         ("a_p_g",),
-        _ANGLE_LIMIT,
+        POSITION_SHARE,
     ),
     _one(
         "delta_p",
@@ -152,7 +154,7 @@ _STATIC: tuple[Term, ...] = (
         "input",
         lambda r: -r["a_o_g"],
         ("a_o_g",),
-        _ANGLE_LIMIT,
+        POSITION_SHARE,
     ),
     _one(
         "k_ip",
@@ -162,7 +164,7 @@ _STATIC: tuple[Term, ...] = (
         "input",
         lambda r: r["a_i_g"] * r["a_p_g"],
         ("a_i_g", "a_p_g"),
-        _K2_LIMIT,
+        POSITION_SHARE,
     ),
     _one(
         "k_io",
@@ -172,7 +174,7 @@ _STATIC: tuple[Term, ...] = (
         "input",
         lambda r: r["a_i_g"] * r["a_o_g"],
         ("a_i_g", "a_o_g"),
-        _K2_LIMIT,
+        POSITION_SHARE,
     ),
 )
 STATIC_NAMES = tuple(t.name for t in _STATIC)

@@ -1,0 +1,67 @@
+"""Least squares on a matrix as small as the model: whitened products compressed once by QR."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import linalg
+
+from errormodel.arrays import FloatArray
+from errormodel.model import ErrorModel
+
+MAX_STEPS = 30
+# Gauss-Newton stops when a step is this small in sigmas: far below any digit that is reported.
+STEP_SIGMAS = 1e-7
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Compressed:
+    """Whitened products and outputs, rotated so that only as many rows are left as columns."""
+
+    triangle: FloatArray  # (≤ P, P)
+    target: FloatArray  # (≤ P, m)
+    rest2: FloatArray  # (m,): squared length of what no combination of products explains
+
+
+def compress(products: FloatArray, outputs: FloatArray) -> Compressed:
+    """Rotate whitened products (n, P) and outputs (n, m) into a triangle of P rows."""
+    q, triangle = linalg.qr(products, mode="economic", check_finite=False)
+    target = q.T @ outputs
+    rest2 = np.sum((outputs - q @ target) ** 2, axis=0)
+    return Compressed(triangle=triangle, target=target, rest2=rest2)
+
+
+def solve_compressed(
+    model: ErrorModel, data: Compressed, start: Mapping[str, float]
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Run Gauss-Newton on compressed data, for all its channels at once.
+
+    Returns
+    -------
+    values : ndarray, shape (m, p)
+        The linear coefficients, in the order of `model.coefficients`.
+    information : ndarray, shape (m, p, p)
+        JᵀJ at the solution.
+    cost : ndarray, shape (m,)
+        Whitened sum of squares.
+    """
+    m = data.target.shape[1]
+    names = [c.name for c in model.coefficients]
+    values = np.tile([start[name] for name in names], (m, 1)).astype(float)
+    information = np.zeros((m, len(names), len(names)))
+    for _ in range(MAX_STEPS):
+        weights, jacobian = model.product_weights(values)
+        residual = data.target.T - weights @ data.triangle.T
+        columns = np.einsum("rp,mpc->mrc", data.triangle, jacobian)
+        norms = np.linalg.norm(columns, axis=1)
+        norms = np.where(norms > 0, norms, 1.0)
+        q, r = np.linalg.qr(np.asarray(columns / norms[:, None, :], dtype=np.float64))
+        rotated = np.asarray(np.einsum("mrc,mr->mc", q, residual)[..., None], dtype=np.float64)
+        step: FloatArray = np.linalg.solve(r, rotated)[..., 0] / norms
+        values = values + step
+        information = np.einsum("mrc,mrd->mcd", columns, columns)
+        if np.all(np.einsum("mc,mcd,md->m", step, information, step) < STEP_SIGMAS**2):
+            break
+    weights, _ = model.product_weights(values)
+    residual = data.target.T - weights @ data.triangle.T
+    return values, information, np.sum(residual**2, axis=1) + data.rest2
