@@ -1,0 +1,81 @@
+"""From the store to a recorded run."""
+
+from collections.abc import Sequence
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from errormodel.errors import StoreError
+from thermo.recording import OutputUnit, RecordedRuns, make_runs, write_runs
+
+if TYPE_CHECKING:
+    from thermo.store import Store
+
+COLUMNS = ["run", "serial", "time_s", "temp_c", "position_deg", "output", "chamber_c", "flag"]
+
+
+def export_test(
+    store: "Store",
+    test_id: str,
+    path: Path | str | None,
+    *,
+    output_unit: OutputUnit,
+    gravity_m_s2: float,
+    nominal_scale: float,
+    serials: Sequence[str] | None = None,
+) -> RecordedRuns:
+    """Write a test's readings as recorded runs, named ``TEST_ID-1`` and so on.
+
+    Readings of attempts that were given up are left out; flagged ones are kept with their flag. A
+    reading without a value that has no flag gets the flag "missing".
+
+    Parameters
+    ----------
+    store : Store
+    test_id : str
+    path : path or None
+        A ``.csv`` or ``.parquet`` file; None writes nothing.
+    output_unit, gravity_m_s2, nominal_scale
+        What goes into the sidecar; the scale in output units per g.
+    serials : sequence of str, optional
+        Only these accelerometers: a file holds those that share one nominal scale.
+
+    Returns
+    -------
+    RecordedRuns
+        What was written.
+
+    Raises
+    ------
+    StoreError
+        If there is no such test or it has no readings.
+    InputError
+        If the file cannot be written or the arguments make no recorded run.
+    """
+    test = store.test(test_id)
+    frame = store.readings(test_id)
+    frame = frame[frame["voided"] == ""]
+    if serials is not None:
+        frame = frame[frame["serial"].isin(list(serials))]
+    if frame.empty:
+        raise StoreError(f"test {test_id}: has no readings to export")
+    frame = frame[COLUMNS].copy()
+    lacking = frame["temp_c"].isna() | frame["output"].isna()
+    positioned = frame.groupby(["run", "serial"])["position_deg"].transform("count") > 0
+    lacking |= positioned & frame["position_deg"].isna()
+    frame["flag"] = np.where(lacking & (frame["flag"] == ""), "missing", frame["flag"])
+    frame["run"] = [f"{test_id}-{number}" for number in frame["run"]]
+    starts = {f"{test_id}-{r.number}": datetime.fromisoformat(r.start_utc) for r in test.runs}
+    record = make_runs(
+        frame,
+        output_unit=output_unit,
+        gravity_m_s2=gravity_m_s2,
+        nominal_scale=nominal_scale,
+        run_start_utc=starts,
+        source=f"test {test_id}",
+    )
+    if path is not None:
+        write_runs(record, path)
+    return record

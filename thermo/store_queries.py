@@ -1,0 +1,193 @@
+"""The store's questions to its database, each inside a transaction that the caller began."""
+
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import pandas as pd
+import sqlalchemy as sa
+
+from errormodel.errors import StoreError
+from thermo.store_records import (
+    QUANTITIES,
+    EventRecord,
+    ReadingRow,
+    RunRecord,
+    TestRecord,
+    TestSummary,
+)
+from thermo.store_schema import events as event_table
+from thermo.store_schema import readings as reading_table
+from thermo.store_schema import runs as run_table
+from thermo.store_schema import tests as test_table
+from thermo.store_schema import voided as voided_table
+
+ROW = ("serial", "slot", "attempt", "segment", *QUANTITIES, "flag")
+
+
+def need_test(connection: sa.Connection, test_id: str) -> Mapping[str, Any]:
+    """Return a test's row; `StoreError` when there is none."""
+    query = sa.select(test_table).where(test_table.c.id == test_id)
+    found = connection.execute(query).mappings().first()
+    if found is None:
+        raise StoreError(f"test {test_id!r}: there is none of this id")
+    return {str(name): value for name, value in found.items()}
+
+
+def run_status(connection: sa.Connection, test_id: str, number: int) -> str | None:
+    """Return a run's status; None when it has not begun."""
+    return connection.execute(
+        sa.select(run_table.c.status).where(
+            run_table.c.test_id == test_id, run_table.c.number == int(number)
+        )
+    ).scalar()
+
+
+def set_run_status(connection: sa.Connection, test_id: str, number: int, status: str) -> None:
+    """Change a run's status."""
+    connection.execute(
+        sa.update(run_table)
+        .where(run_table.c.test_id == test_id, run_table.c.number == int(number))
+        .values(status=status)
+    )
+
+
+def need_open_attempt(
+    connection: sa.Connection, test_id: str, run: int, segment: int, attempt: int
+) -> None:
+    """Refuse readings of what is over, and of what was given up."""
+    status = run_status(connection, test_id, run)
+    if status is None:
+        raise StoreError(f"test {test_id} run {run}: has not begun; nothing was changed")
+    if status == "finished":
+        raise StoreError(f"test {test_id} run {run}: is finished; nothing was changed")
+    if attempt in voided_attempts(connection, test_id, run, segment):
+        raise StoreError(
+            f"test {test_id} run {run}: attempt {attempt} at segment {segment} was given up, "
+            "expected a new attempt; nothing was changed"
+        )
+
+
+def attempts(connection: sa.Connection, test_id: str, run: int, segment: int) -> set[int]:
+    """Return the attempts at a segment that have readings."""
+    r = reading_table.c
+    found = connection.execute(
+        sa.select(r.attempt)
+        .where(r.test_id == test_id, r.run == int(run), r.segment == int(segment))
+        .distinct()
+    )
+    return set(found.scalars())
+
+
+def voided_attempts(connection: sa.Connection, test_id: str, run: int, segment: int) -> set[int]:
+    """Return the attempts at a segment that do not count."""
+    v = voided_table.c
+    found = connection.execute(
+        sa.select(v.attempt).where(
+            v.test_id == test_id, v.run == int(run), v.segment == int(segment)
+        )
+    )
+    return set(found.scalars())
+
+
+def first_present(
+    connection: sa.Connection, values: Sequence[Mapping[str, Any]]
+) -> Mapping[str, Any] | None:
+    """Return the first of some readings that is stored already, or stands twice among them."""
+    seen: set[tuple[Any, ...]] = set()
+    key = [column.name for column in reading_table.primary_key.columns]
+    for value in values:
+        where = [reading_table.c[name] == value[name] for name in key]
+        mark = tuple(value[name] for name in key)
+        found = connection.execute(sa.select(sa.literal(1)).where(*where)).first()
+        if found is not None or mark in seen:
+            return value
+        seen.add(mark)
+    return None
+
+
+def test(connection: sa.Connection, test_id: str) -> TestRecord:
+    """Return a test with its runs."""
+    row = dict(need_test(connection, test_id))
+    found = connection.execute(
+        sa.select(run_table).where(run_table.c.test_id == test_id).order_by(run_table.c.number)
+    )
+    run_records = tuple(
+        RunRecord(
+            number=r.number, start_utc=r.start_utc, start_clock_s=r.start_clock_s, status=r.status
+        )
+        for r in found
+    )
+    versions, settings = json.loads(row.pop("versions_json")), json.loads(row.pop("settings_json"))
+    return TestRecord(**row, versions=versions, settings=settings, runs=run_records)
+
+
+def tests(connection: sa.Connection) -> tuple[TestSummary, ...]:
+    """Return all tests, the oldest first."""
+    t = test_table.c
+    run_count = sa.select(sa.func.count()).where(run_table.c.test_id == t.id).scalar_subquery()
+    count = sa.select(sa.func.count()).where(reading_table.c.test_id == t.id).scalar_subquery()
+    found = connection.execute(
+        sa.select(
+            t.id,
+            t.created_utc,
+            t.name,
+            t.status,
+            t.outcome,
+            run_count.label("runs"),
+            count.label("readings"),
+        ).order_by(t.created_utc, t.id)
+    )
+    return tuple(TestSummary(**row) for row in found.mappings())  # type: ignore[arg-type]
+
+
+def events(connection: sa.Connection, test_id: str) -> tuple[EventRecord, ...]:
+    """Return what happened in a test, in the order of logging."""
+    e = event_table.c
+    found = connection.execute(
+        sa.select(e.run, e.time_s, e.kind, e.text, e.logged_utc)
+        .where(e.test_id == test_id)
+        .order_by(e.id)
+    )
+    return tuple(EventRecord(**row) for row in found.mappings())  # type: ignore[arg-type]
+
+
+def last_reading(connection: sa.Connection, test_id: str, run: int) -> ReadingRow | None:
+    """Return the reading of a run that is latest in time."""
+    r = reading_table.c
+    found = connection.execute(
+        sa.select(*(r[name] for name in ROW))
+        .where(r.test_id == test_id, r.run == int(run))
+        .order_by(r.time_s.desc(), r.slot.desc(), r.attempt.desc(), r.serial.desc())
+        .limit(1)
+    )
+    row = found.mappings().first()
+    return None if row is None else ReadingRow(**row)  # type: ignore[arg-type]
+
+
+def readings(connection: sa.Connection, test_id: str, run: int | None) -> pd.DataFrame:
+    """Return readings as a table, in order of run, time and serial."""
+    need_test(connection, test_id)
+    r, v = reading_table.c, voided_table.c
+    joined = reading_table.outerjoin(
+        voided_table,
+        sa.and_(
+            r.test_id == v.test_id,
+            r.run == v.run,
+            r.segment == v.segment,
+            r.attempt == v.attempt,
+        ),
+    )
+    names = ("run", *ROW)
+    query = sa.select(
+        *(r[name] for name in names), sa.func.coalesce(v.flag, "").label("voided")
+    ).select_from(joined)
+    query = query.where(r.test_id == test_id).order_by(r.run, r.time_s, r.serial)
+    if run is not None:
+        query = query.where(r.run == int(run))
+    rows = connection.execute(query).all()
+    frame = pd.DataFrame([tuple(row) for row in rows], columns=[*names, "voided"])
+    kinds: dict[str, str] = {name: "float64" for name in QUANTITIES}
+    kinds |= {name: "int64" for name in ("run", "slot", "attempt", "segment")}
+    kinds |= {name: "object" for name in ("serial", "flag", "voided")}
+    return frame.astype(kinds)
