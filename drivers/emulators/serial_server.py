@@ -113,9 +113,7 @@ class SerialServer:
     def close(self) -> None:
         """Stop serving and remove what was made; harmless when done twice."""
         self._stop.set()
-        if self._wake_w >= 0:
-            with contextlib.suppress(OSError):
-                os.write(self._wake_w, b"x")
+        self._wake()
         if self._thread is not None:
             self._thread.join(timeout=10.0)
             self._thread = None
@@ -139,6 +137,12 @@ class SerialServer:
             self._own_dir = None
 
     # ---- ports
+
+    def _wake(self) -> None:
+        """Let the serving thread look at its ports anew."""
+        if self._wake_w >= 0:
+            with contextlib.suppress(OSError):
+                os.write(self._wake_w, b"x")
 
     def _link_path(self, wanted: Path) -> Path:
         """Return where the link to the pseudo-terminal goes."""
@@ -189,7 +193,9 @@ class SerialServer:
             for key, _ in self._selector.select():
                 if self._stop.is_set():
                     return
-                if key.data is self._listener and self._listener is not None:
+                if key.data is None:
+                    os.read(self._wake_r, 64)
+                elif key.data is self._listener and self._listener is not None:
                     with contextlib.suppress(OSError):
                         self._remember(_Connection(self._listener.accept()[0], self._stop))
                 elif key.data in self._buffers:
@@ -284,9 +290,11 @@ class _Pty:
                 time.sleep(0.001)
 
     def hang_up(self) -> None:
-        for fd in (self._master, self._slave):
-            with contextlib.suppress(OSError):
-                os.close(fd)
+        ends = (self._master, self._slave)
+        self._master = self._slave = -1  # the numbers may be somebody else's by the second time
+        for end in ends:
+            if end >= 0:
+                os.close(end)
 
     def close(self) -> None:
         """Hang up and remove the link, unless it is somebody else's by now."""
