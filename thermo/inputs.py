@@ -8,6 +8,7 @@ from errormodel.arrays import FloatArray, IntArray, freeze, readonly, readonly_i
 from errormodel.errors import InputError
 from errormodel.record import Record
 from thermo.recording import RecordedRuns
+from thermo.recording_model import BoolArray
 
 # The slope of temperature is a straight line over this span, or over five readings if that is
 # longer: a thermistor's noise of 2 mK then leaves 1 % of a 1 °C/min ramp.
@@ -81,8 +82,10 @@ class Channel:
         )
 
 
-def channel_of(runs: RecordedRuns, serial: str, *, t_ref_c: float = 25.0) -> Channel:
-    """Take one accelerometer out of recorded runs; flagged readings are left out.
+def channel_of(
+    runs: RecordedRuns, serial: str, *, t_ref_c: float = 25.0, rows: IntArray | None = None
+) -> Channel:
+    """Take one accelerometer out of recorded runs.
 
     Parameters
     ----------
@@ -90,6 +93,8 @@ def channel_of(runs: RecordedRuns, serial: str, *, t_ref_c: float = 25.0) -> Cha
     serial : str
     t_ref_c : float
         Reference temperature, °C.
+    rows : ndarray of int, optional
+        Which readings, as `rows_of` orders them; default: those without a flag.
 
     Raises
     ------
@@ -97,20 +102,32 @@ def channel_of(runs: RecordedRuns, serial: str, *, t_ref_c: float = 25.0) -> Cha
         If there is no such accelerometer, no good reading of it, or its runs differ in unit,
         gravity or nominal scale.
     """
-    mine = runs.select(serial)
-    codes = mine.run.codes
-    good = np.flatnonzero(mine.good)
-    rows = good[np.argsort(codes[good], kind="stable")]
-    if rows.size == 0:
+    chosen = rows_of(runs, serial, runs.good) if rows is None else rows
+    if chosen.size == 0:
         raise InputError(runs.source, f"serial {serial}", "every reading is flagged")
-    return _channel(mine, serial, rows, t_ref_c)
+    return _channel(runs.take(chosen), serial, t_ref_c)
 
 
-def _channel(mine: RecordedRuns, serial: str, rows: IntArray, t_ref_c: float) -> Channel:
-    present, run = np.unique(mine.run.codes[rows], return_inverse=True)
-    time_s, temp_c = mine.time_s[rows], mine.temp_c[rows]
+def rows_of(runs: RecordedRuns, serial: str, mask: BoolArray) -> IntArray:
+    """Return the rows of an accelerometer within a mask, run by run.
+
+    Raises
+    ------
+    InputError
+        If there is no such accelerometer.
+    """
+    if serial not in runs.serials:
+        known = ", ".join(runs.serials)
+        raise InputError(runs.source, "", f"no serial {serial!r}; expected one of {known}")
+    rows = np.flatnonzero(mask & (runs.serial.codes == runs.serials.index(serial)))
+    return rows[np.argsort(runs.run.codes[rows], kind="stable")]
+
+
+def _channel(mine: RecordedRuns, serial: str, t_ref_c: float) -> Channel:
+    present, run = np.unique(mine.run.codes, return_inverse=True)
+    time_s, temp_c = mine.time_s, mine.temp_c
     slow_c, rate = smooth_temperature(time_s, temp_c, run)
-    force = mine.specific_force_g[rows] if mine.has_input else np.zeros((rows.size, 3))
+    force = mine.specific_force_g if mine.has_input else np.zeros((len(mine), 3))
     return Channel(
         serial=serial,
         run_ids=tuple(mine.run_ids[int(k)] for k in present),
@@ -125,10 +142,10 @@ def _channel(mine: RecordedRuns, serial: str, rows: IntArray, t_ref_c: float) ->
                 "x_slow_c": slow_c - t_ref_c,
                 "rate_c_per_min": rate,
             },
-            output=mine.output[rows] / mine.nominal_scale,
+            output=mine.output / mine.nominal_scale,
         ),
         temp_c=temp_c,
-        position_deg=mine.position_deg[rows],
+        position_deg=mine.position_deg,
         direction=direction_of(rate),
         has_input=mine.has_input,
         output_unit=mine.output_unit,

@@ -1,0 +1,246 @@
+"""The temperature model of each accelerometer, fitted jointly over all readings of all runs."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, field_validator
+
+from errormodel.arrays import FloatArray
+from errormodel.errors import InputError
+from errormodel.files import read_toml
+from errormodel.fit import ModelFit, fit
+from errormodel.model import ErrorModel
+from thermo.inputs import Channel, channel_of
+from thermo.recording import RecordedRuns
+from thermo.residuals import ResidualSummary, summarise
+from thermo.selection import Selection, select_model
+from thermo.terms import LIBRARY, term
+
+
+class TermsFile(BaseModel):
+    """TERMS.toml: the terms to fit, in place of those that the data choose."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    terms: Annotated[tuple[str, ...], Field(min_length=1)] | None = None
+    t_ref_c: Annotated[float, Field(ge=-200, le=400, allow_inf_nan=False)] = 25.0
+
+    @field_validator("terms")
+    @classmethod
+    def _known(cls, names: tuple[str, ...] | None) -> tuple[str, ...] | None:
+        for name in names or ():
+            if name not in LIBRARY:
+                raise ValueError(f"no term {name!r}; expected some of {', '.join(LIBRARY)}")
+        if names is not None and len(set(names)) != len(names):
+            raise ValueError("a term stands twice")
+        return names
+
+    def model(self) -> ErrorModel | None:
+        """Return the model of the terms named; None when the data are to choose."""
+        return None if self.terms is None else ErrorModel(tuple(term(n) for n in self.terms))
+
+
+def read_terms(path: Path | str) -> TermsFile:
+    """Read TERMS.toml.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read or names an unknown term.
+    """
+    return read_toml(path, TermsFile)
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class AccelerometerFit:
+    """One accelerometer's model, what it leaves, and how it predicts runs it was not fitted to.
+
+    Attributes
+    ----------
+    channel : Channel
+        The readings that were fitted.
+    fit : ModelFit
+    selection : Selection or None
+        None when the terms were given.
+    t_ref_c : float
+    valid_c, valid_rate_c_per_min : pair of float
+        The range of temperature and of its rate in the fitted readings.
+    residual_ug : ndarray, shape (n,)
+        Of the fitted readings.
+    raw, summary : ResidualSummary
+        With constants only, and with the model.
+    heldout : ResidualSummary or None
+        Of readings predicted without their run; None with a single run.
+    heldout_runs : tuple of str
+        The runs asked to be held out; empty when each was left out in turn.
+    digests : mapping
+        Run id → digest of every run used.
+    """
+
+    channel: Channel
+    fit: ModelFit
+    selection: Selection | None
+    t_ref_c: float
+    valid_c: tuple[float, float]
+    valid_rate_c_per_min: tuple[float, float]
+    residual_ug: FloatArray
+    raw_ug: FloatArray
+    raw: ResidualSummary
+    summary: ResidualSummary
+    heldout: ResidualSummary | None
+    heldout_runs: tuple[str, ...]
+    digests: Mapping[str, str]
+
+    @property
+    def serial(self) -> str:
+        """Serial number."""
+        return self.channel.serial
+
+
+def fit_runs(
+    runs: RecordedRuns,
+    *,
+    terms: TermsFile | None = None,
+    holdout: Sequence[str] = (),
+) -> tuple[AccelerometerFit, ...]:
+    """Fit every accelerometer in recorded runs.
+
+    Parameters
+    ----------
+    runs : RecordedRuns
+    terms : TermsFile, optional
+        What to fit; by default the data choose (`thermo.selection.select_model`).
+    holdout : sequence of str
+        Runs to keep out of the fit and to predict instead.
+
+    Returns
+    -------
+    tuple of AccelerometerFit
+        In the order of the serial numbers in the runs.
+
+    Raises
+    ------
+    InputError
+        If a run to hold out is not there, or nothing is left to fit.
+    NotSeparableError
+        If the data cannot separate the terms given.
+    """
+    wanted = terms or TermsFile()
+    missing = [r for r in holdout if r not in runs.run_ids]
+    if missing:
+        known = ", ".join(runs.run_ids)
+        raise InputError(runs.source, "", f"no run {missing[0]!r} to hold out; expected {known}")
+    digests = {r: runs.digest(r) for r in runs.run_ids}
+    return tuple(_fit_one(runs, s, wanted, tuple(holdout), digests) for s in runs.serials)
+
+
+def _fit_one(
+    runs: RecordedRuns,
+    serial: str,
+    terms: TermsFile,
+    holdout: tuple[str, ...],
+    digests: Mapping[str, str],
+) -> AccelerometerFit:
+    everything = channel_of(runs, serial, t_ref_c=terms.t_ref_c)
+    kept = tuple(r for r in everything.run_ids if r not in holdout)
+    if not kept:
+        raise InputError(runs.source, f"serial {serial}", "no run is left to fit")
+    channel = everything.take(everything.runs_mask(kept))
+    given = terms.model()
+    selection = None if given else select_model(channel)
+    model = given or (selection.model if selection else ErrorModel(()))
+    _check_inputs(model, channel, runs.source)
+    result = _fit_channel(model, channel)
+    residual_ug, raw_ug = _residual_ug(result, channel), _constants_only_ug(channel)
+    heldout = _held_out(model, result, everything, holdout)
+    rate = channel.record["rate_c_per_min"]
+    return AccelerometerFit(
+        channel=channel,
+        fit=result,
+        selection=selection,
+        t_ref_c=terms.t_ref_c,
+        valid_c=(float(channel.temp_c.min()), float(channel.temp_c.max())),
+        valid_rate_c_per_min=(float(rate.min()), float(rate.max())),
+        residual_ug=residual_ug,
+        raw_ug=raw_ug,
+        raw=summarise(channel, raw_ug),
+        summary=summarise(channel, residual_ug),
+        heldout=heldout,
+        heldout_runs=tuple(r for r in everything.run_ids if r in holdout),
+        digests={r: digests[r] for r in kept},
+    )
+
+
+def _check_inputs(model: ErrorModel, channel: Channel, source: str) -> None:
+    """Refuse terms that need an input the recording does not give, in words."""
+    if channel.has_input:
+        return
+    needy = [
+        t.name
+        for t in model.terms
+        if t.name == "k1" or any(s.startswith("a_") for s in t.needs) or _scales(t)
+    ]
+    if needy:
+        raise InputError(
+            source,
+            f"serial {channel.serial}",
+            f"{', '.join(needy)} need a known input; give position_deg or a_i_g, a_p_g, a_o_g",
+        )
+
+
+def _scales(effect: object) -> bool:
+    return getattr(effect, "place", "") == "scale"
+
+
+def _fit_channel(model: ErrorModel, channel: Channel) -> ModelFit:
+    try:
+        return fit(model, channel.record)
+    except ValueError as err:
+        raise InputError(f"serial {channel.serial}", "", str(err)) from None
+
+
+def _residual_ug(result: ModelFit, channel: Channel) -> FloatArray:
+    predicted = result.model.simulate(channel.record, result.as_dict())
+    return 1e6 * (np.asarray(channel.record.output) - predicted)
+
+
+def _constants_only_ug(channel: Channel) -> FloatArray:
+    """Return the residual of a model without temperature: K0 and, if it can be had, K1.
+
+    Referred to the input: divided by K1.
+    """
+    record = channel.record
+    columns = np.column_stack([np.ones(len(record)), record["a_i_g"]])
+    output = np.asarray(record.output)
+    solution, _, rank, _ = np.linalg.lstsq(columns, output, rcond=1e-3)
+    if rank < 2:
+        columns = columns[:, :1]
+        output = output - record["a_i_g"]
+        return 1e6 * (output - output.mean())
+    return 1e6 * (output - columns @ solution) / solution[1]
+
+
+def _held_out(
+    model: ErrorModel, result: ModelFit, everything: Channel, holdout: tuple[str, ...]
+) -> ResidualSummary | None:
+    """Predict runs that were not fitted: those asked for, or each in turn."""
+    if holdout:
+        present = tuple(r for r in everything.run_ids if r in holdout)
+        if not present:
+            return None
+        unseen = everything.take(everything.runs_mask(present))
+        return summarise(unseen, _residual_ug(result, unseen))
+    if len(everything.run_ids) < 2:
+        return None
+    residual_ug = np.empty(len(everything.record))
+    for left_out in everything.run_ids:
+        others = tuple(r for r in everything.run_ids if r != left_out)
+        seen = everything.take(everything.runs_mask(others))
+        rows = everything.runs_mask((left_out,))
+        start = result.as_dict()
+        without = fit(model, seen.record, start=start, noise=result.noise)
+        residual_ug[rows] = _residual_ug(without, everything.take(rows))
+    return summarise(everything, residual_ug)
