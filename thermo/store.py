@@ -19,7 +19,7 @@ from sqlalchemy.exc import IntegrityError
 from errormodel.errors import StoreError
 from thermo import store_queries as queries
 from thermo import store_schema as schema
-from thermo.store_claims import Claim, FileClaim, HeldClaim, ServerClaim
+from thermo.store_claims import PATIENCE_S, Claim, FileClaim, HeldClaim, ServerClaim
 from thermo.store_export import export_test
 from thermo.store_open import one_line, open_engine, parse_url, shown, told_as_store_error, utc_now
 from thermo.store_records import (
@@ -308,11 +308,7 @@ class Store:
         """
         with self._lock:
             if test_id not in self._claims:
-                self._claims[test_id] = (
-                    ServerClaim(self._engine, test_id)
-                    if self._engine.dialect.name == "postgresql"
-                    else FileClaim(Path(str(self._url.database)), test_id)
-                )
+                self._claims[test_id] = self._take(test_id, PATIENCE_S)
         return HeldClaim(test_id, self._release)
 
     def is_claimed(self, test_id: str) -> bool:
@@ -321,10 +317,15 @@ class Store:
             if test_id in self._claims:
                 return True
             try:
-                self.claim(test_id).release()
+                self._take(test_id, 0.0).release()
             except StoreError:
                 return True
         return False
+
+    def _take(self, test_id: str, patience_s: float) -> Claim:
+        if self._engine.dialect.name == "postgresql":
+            return ServerClaim(self._url, test_id, patience_s)
+        return FileClaim(Path(str(self._url.database)), test_id)
 
     def _release(self, test_id: str) -> None:
         with self._lock:

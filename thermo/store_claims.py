@@ -9,6 +9,7 @@ import fcntl
 import hashlib
 import os
 import socket
+import time
 from pathlib import Path
 from types import TracebackType
 from typing import Protocol
@@ -16,7 +17,9 @@ from typing import Protocol
 import sqlalchemy as sa
 
 from errormodel.errors import StoreError
-from thermo.store_open import told_as_store_error
+from thermo.store_open import session_engine, told_as_store_error
+
+PATIENCE_S = 2.0  # the server takes a moment to see that a client has died
 
 
 class Claim(Protocol):
@@ -68,16 +71,21 @@ class FileClaim:
 class ServerClaim:
     """A claim by a PostgreSQL advisory lock, in a session of its own."""
 
-    def __init__(self, engine: sa.Engine, test_id: str) -> None:
+    def __init__(self, url: sa.URL, test_id: str, patience_s: float = PATIENCE_S) -> None:
         self._connection: sa.Connection | None = None
         digest = hashlib.sha256(b"accelbench claim " + test_id.encode()).digest()
         key = int.from_bytes(digest[:8], "big", signed=True)
+        deadline_s = time.monotonic() + patience_s
         with told_as_store_error(f"test {test_id}"):
-            connection = engine.connect().execution_options(isolation_level="AUTOCOMMIT")
+            connection = session_engine(url).connect()
+            connection = connection.execution_options(isolation_level="AUTOCOMMIT")
             try:
-                if not connection.execute(sa.select(sa.func.pg_try_advisory_lock(key))).scalar():
-                    owner = connection.execute(_OWNER, {"key": key}).scalar() or "another process"
-                    raise StoreError(f"test {test_id}: is being run by {owner}")
+                while not connection.execute(_TRY, {"key": key}).scalar():
+                    if time.monotonic() > deadline_s:
+                        owner = connection.execute(_OWNER, {"key": key}).scalar()
+                        who = owner or "another process"
+                        raise StoreError(f"test {test_id}: is being run by {who}")
+                    time.sleep(0.02)
             except BaseException:
                 connection.close()
                 raise
@@ -86,11 +94,11 @@ class ServerClaim:
     def release(self) -> None:
         """Let go; harmless when done twice."""
         if self._connection is not None:
-            self._connection.invalidate()  # ends the session, and the lock with it
-            self._connection.close()
+            self._connection.close()  # ends the session, and the lock with it
             self._connection = None
 
 
+_TRY = sa.text("SELECT pg_try_advisory_lock(:key)")
 _OWNER = sa.text(
     "SELECT a.application_name FROM pg_locks l JOIN pg_stat_activity a USING (pid) "
     "WHERE l.locktype = 'advisory' AND l.objsubid = 1 AND l.granted "

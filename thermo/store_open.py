@@ -128,10 +128,13 @@ def _look_before_opening(path: Path) -> None:
     try:
         with _read_only(path) as db:
             verdict = str(db.execute("PRAGMA quick_check(1)").fetchone()[0])
+            tables = {row[0] for row in db.execute("SELECT name FROM sqlite_master")}
     except sqlite3.Error as err:
-        verdict = str(err)
+        verdict, tables = str(err), set[str]()
     if verdict != "ok":
         raise StoreError(f"{path}: damaged ({one_line(ValueError(verdict))}); nothing was changed")
+    if tables and schema.schema_version.name not in tables:
+        raise StoreError(f"{path}: not a store (it has other tables); nothing was changed")
 
 
 @contextmanager
@@ -174,12 +177,18 @@ def _write_ahead(db: sqlite3.Connection) -> None:
         time.sleep(0.01)
 
 
-def _postgres_engine(url: sa.URL) -> sa.Engine:
+def session_engine(url: sa.URL) -> sa.Engine:
+    """Return an engine on PostgreSQL whose every connection is a session that ends with it."""
+    return _postgres_engine(url, poolclass=sa.NullPool)
+
+
+def _postgres_engine(url: sa.URL, **options: Any) -> sa.Engine:
     label = f"accelbench {os.getpid()}@{socket.gethostname()}"[:63]
     try:
         engine = sa.create_engine(
             url,
             pool_pre_ping=True,
+            **options,
             connect_args={"application_name": label, "connect_timeout": 10},
         )
     except ImportError:
@@ -214,8 +223,6 @@ def _make_or_check_tables(engine: sa.Engine, where: str) -> None:
             if missing:
                 raise StoreError(f"{where}: damaged: no table {min(missing)}; nothing was changed")
             return
-        if engine.dialect.name == "sqlite" and names:
-            raise StoreError(f"{where}: not a store (it has other tables); nothing was changed")
         schema.metadata.create_all(connection)
         connection.execute(
             sa.insert(schema.schema_version).values(
