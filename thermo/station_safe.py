@@ -1,0 +1,141 @@
+"""Leaving a station in its safe condition, come what may."""
+
+import json
+import logging
+from dataclasses import dataclass
+
+from drivers.clock import Clock
+from drivers.devices import Chamber, IndexingHead, SafeResult
+
+log = logging.getLogger(__name__)
+
+RETRY_S = 120.0  # how long a chamber that cannot be made safe is tried again
+PAUSE_S = 5.0  # between two attempts
+MIN_ATTEMPTS = 4  # also where the clock runs so fast that RETRY_S is nothing
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CleanUp:
+    """What became of the clean-up."""
+
+    chamber: SafeResult
+    head_stopped: bool
+
+
+def make_chamber_safe(
+    chamber: Chamber,
+    temp_c: float,
+    clock: Clock,
+    *,
+    retry_s: float = RETRY_S,
+    min_attempts: int = MIN_ATTEMPTS,
+) -> SafeResult:
+    """Put a chamber into the safe condition and verify it, with fresh attempts.
+
+    Nothing but the end of the process stops it: an exception of any kind, a Ctrl-C among them,
+    costs one attempt.
+
+    Parameters
+    ----------
+    chamber : Chamber
+    temp_c : float
+        Where it is to stand, °C.
+    clock : Clock
+    retry_s : float
+        How long to try, s on `clock`.
+    min_attempts : int
+        At least so many attempts.
+
+    Returns
+    -------
+    SafeResult
+        The verified one, or the last, with a line for every attempt that failed.
+    """
+    steps: list[str] = []
+    began_s = clock.now_s()
+    attempt = 0
+    while True:
+        attempt += 1
+        try:
+            result = chamber.make_safe(temp_c)
+            steps += result.steps
+            if result.verified:
+                return SafeResult(verified=True, steps=tuple(steps))
+            steps.append(f"attempt {attempt}: not verified")
+        except BaseException as err:
+            steps.append(f"attempt {attempt}: {one_line(err)}")
+        log.warning("%s: safe condition not verified, attempt %d", _name(chamber), attempt)
+        try:
+            if attempt >= min_attempts and clock.now_s() - began_s >= retry_s:
+                return SafeResult(verified=False, steps=tuple(steps))
+            clock.sleep_until_s(clock.now_s() + PAUSE_S)
+        except BaseException as err:
+            steps.append(f"wait after attempt {attempt}: {one_line(err)}")
+
+
+def stop_head(head: IndexingHead) -> tuple[bool, str]:
+    """Stop a head and see that it stands; a second attempt is made when the first fails.
+
+    Returns
+    -------
+    bool, str
+        Whether it stands, and a line about it.
+    """
+    line = ""
+    for _ in range(2):
+        try:
+            head.stop()
+            if not head.is_moving():
+                return True, "head: stopped"
+            line = "head: told to stop, still turning"
+        except BaseException as err:
+            line = f"head: cannot be stopped: {one_line(err)}"
+    log.warning("%s", line)
+    return False, line
+
+
+def clean_up(
+    chamber: Chamber, head: IndexingHead, safe_temp_c: float, clock: Clock, *, commanded: bool
+) -> CleanUp:
+    """Make the chamber safe and stop the head; the chamber first, it is the one that burns.
+
+    Parameters
+    ----------
+    chamber, head
+        The instruments.
+    safe_temp_c : float
+        °C.
+    clock : Clock
+    commanded : bool
+        Whether the chamber was told to do anything; if not, a chamber that does not answer is
+        not waited for.
+
+    Returns
+    -------
+    CleanUp
+        `chamber.steps` ends with a line about the head.
+    """
+    retry_s = RETRY_S if commanded else 0.0
+    safe = make_chamber_safe(chamber, safe_temp_c, clock, retry_s=retry_s)
+    stopped, line = stop_head(head)
+    return CleanUp(
+        chamber=SafeResult(verified=safe.verified, steps=(*safe.steps, line)), head_stopped=stopped
+    )
+
+
+def safe_json(safe: SafeResult) -> str:
+    """Write a result for the store."""
+    return json.dumps({"verified": safe.verified, "steps": list(safe.steps)}, ensure_ascii=False)
+
+
+def one_line(err: BaseException) -> str:
+    """Tell an exception in one line."""
+    text = " ".join(str(err).split())
+    return text or type(err).__name__
+
+
+def _name(chamber: Chamber) -> str:
+    try:
+        return chamber.name
+    except Exception:
+        return "chamber"

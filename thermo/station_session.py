@@ -1,0 +1,192 @@
+"""The instruments of a running test, with every failure counted and every wait watched over."""
+
+import logging
+import math
+from collections.abc import Callable
+from typing import TypeVar
+
+from drivers.clock import Clock
+from drivers.errors import InstrumentError, LimitError
+from drivers.opening import Station
+from thermo.plan import Plan
+from thermo.station_journal import Journal
+from thermo.station_types import LimitTrippedError, Phase, Progress, RunControl
+from thermo.station_watch import FailureBudget, Watch
+
+log = logging.getLogger(__name__)
+
+CHECK_S = 10.0  # between two looks at the chamber while waiting
+ALARM_S = 10.0  # between two looks at its alarms while reading
+SLICE_S = 0.2  # real seconds after which a wait notices the operator
+
+Value = TypeVar("Value")
+
+
+class Session:
+    """One sitting of a test: instruments, clock, limits, and who is told.
+
+    `commanded` is set just before the chamber is told anything for the first time.
+    """
+
+    def __init__(
+        self, plan: Plan, station: Station, clock: Clock, journal: Journal, control: RunControl
+    ) -> None:
+        self.plan = plan
+        self.station = station
+        self.clock = clock
+        self.journal = journal
+        self.control = control
+        self.watch = Watch(plan)
+        self.commanded = False
+        self.chamber_c: float | None = None
+        self._budgets: dict[str, FailureBudget] = {}
+        self._alarms_due_s = -math.inf
+        speed = getattr(clock, "speed", None)
+        self._slice_s = math.inf if speed is None else SLICE_S * speed
+
+    def ask(self, name: str, call: Callable[[], Value]) -> Value | None:
+        """Ask an instrument; None when it failed, which is counted under `name` and logged.
+
+        Raises
+        ------
+        InstrumentLostError
+            When it has failed too often.
+        LimitTrippedError
+            When the driver refuses what is asked: asking again would not help.
+        """
+        limits = self.plan.sequence.limits
+        budget = self._budgets.setdefault(
+            name,
+            FailureBudget(name, limits.max_failures, limits.max_failure_s),
+        )
+        try:
+            value = call()
+        except LimitError as err:
+            raise LimitTrippedError(f"{name} refused: {err}") from err
+        except InstrumentError as err:
+            self.journal.event("fault", f"{name}: {err}")
+            budget.failed(self.clock.now_s(), err)
+            return None
+        budget.succeeded()
+        return value
+
+    def tell(self, name: str, call: Callable[[], None]) -> bool:
+        """Tell an instrument to do something; False when it failed, as for `ask`."""
+
+        def done() -> bool:
+            call()
+            return True
+
+        return self.ask(name, done) is not None
+
+    def tell_chamber(self, call: Callable[[], None]) -> bool:
+        """Tell the chamber to do something."""
+        self.commanded = True
+        return self.tell("chamber set point", call)
+
+    def sleep_until(self, deadline_s: float, *, unless_paused: bool = False) -> bool:
+        """Wait, noticing the operator; False when a pause was asked for in the meantime."""
+        while True:
+            self.control.check()
+            if unless_paused and self.control.paused:
+                return False
+            now_s = self.clock.now_s()
+            if now_s >= deadline_s:
+                return True
+            self.clock.sleep_until_s(min(deadline_s, now_s + self._slice_s))
+
+    def look_at_chamber(self, commanded_c: float | None) -> float | None:
+        """Read the chamber and hold it against the limits.
+
+        Parameters
+        ----------
+        commanded_c : float or None
+            Where the programme wants it, °C; None when it is on its way somewhere.
+
+        Returns
+        -------
+        float or None
+            °C; None when it could not be read.
+        """
+        self.chamber_c = self.ask("chamber", self.station.chamber.read_temp_c)
+        return self.judge_chamber(commanded_c)
+
+    def judge_chamber(self, commanded_c: float | None) -> float | None:
+        """Hold the last reading of the chamber against the limits, and see to its alarms."""
+        now_s = self.clock.now_s()
+        if self.chamber_c is not None:
+            self.watch.chamber(self.chamber_c)
+            if commanded_c is not None:
+                self.watch.programme(now_s, self.chamber_c, commanded_c)
+        if now_s >= self._alarms_due_s:
+            self._alarms_due_s = now_s + ALARM_S
+            alarms = self.ask("chamber alarms", self.station.chamber.read_alarms)
+            self.watch.alarms(alarms or ())
+        return self.chamber_c
+
+    def go_to(self, temp_c: float, phase: Phase, left_s: float, *, stay_s: float = 0.0) -> None:
+        """Bring the chamber to a temperature and let it stay there.
+
+        Parameters
+        ----------
+        temp_c : float
+            °C.
+        phase : Phase
+            For the progress.
+        left_s : float
+            Expected rest of the test after this, s.
+        stay_s : float
+            How long it is to stay once it is there, s.
+
+        Raises
+        ------
+        LimitTrippedError
+            When it does not get there in the time the sequence allows.
+        """
+        programme = self.plan.sequence.temperature
+        deadline_s = self.clock.now_s() + 60 * programme.start_timeout_min
+        told = False
+        while True:
+            if not told:
+                told = self.tell_chamber(lambda: self.station.chamber.hold_temp_c(temp_c))
+            here_c = self.look_at_chamber(None)
+            self.show(phase, temp_c, left_s + stay_s)
+            if told and here_c is not None and abs(here_c - temp_c) <= programme.start_tolerance_c:
+                break
+            if self.clock.now_s() >= deadline_s:
+                shown = "unread" if here_c is None else f"{here_c:.2f} °C"
+                raise LimitTrippedError(
+                    f"chamber ({shown}) did not come within {programme.start_tolerance_c:g} °C of "
+                    f"{temp_c:g} °C in {programme.start_timeout_min:g} min"
+                )
+            self.sleep_until(self.clock.now_s() + CHECK_S)
+        self.watch.expect(self.clock.now_s(), 0.0)
+        self.stay(temp_c, "soak" if phase == "approach" else phase, stay_s, left_s)
+
+    def stay(self, temp_c: float, phase: Phase, stay_s: float, left_s: float) -> None:
+        """Watch the chamber stay at a temperature for a time."""
+        end_s = self.clock.now_s() + stay_s
+        while (now_s := self.clock.now_s()) < end_s:
+            self.sleep_until(min(end_s, now_s + CHECK_S))
+            self.look_at_chamber(temp_c)
+            self.show(phase, temp_c, left_s + max(0.0, end_s - self.clock.now_s()))
+
+    def show(
+        self, phase: Phase, commanded_c: float, left_s: float, slot: int = 0, segment: int = 0
+    ) -> None:
+        """Tell the observers how far the test is."""
+        self.journal.progress(
+            Progress(
+                test_id=self.journal.test_id,
+                run=self.journal.run,
+                runs=self.plan.runs,
+                phase=phase,
+                slot=slot,
+                slots=self.plan.slots,
+                segment=segment,
+                time_s=self.clock.now_s() - self.journal.start_s,
+                left_s=left_s,
+                commanded_c=commanded_c,
+                chamber_c=self.chamber_c,
+            )
+        )
