@@ -44,7 +44,9 @@ class ChannelReading:
 
     channel: int
     value: float  # V or ohm; nan when the instrument reported an overload or an open input
-    offset_s: float  # since the scan began, by the instrument's own clock
+    # since `scan` was called: the instrument's own time stamp, and before it what it took to ask
+    # again when the first question went unanswered
+    offset_s: float
     ok: bool = True
 
 

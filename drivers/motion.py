@@ -113,7 +113,7 @@ class MotionHead:
             baud=config.baud,
             timeout_s=config.timeout_s,
             retries=config.retries,
-            fence=("VE?", _VERSION),
+            fences=[("VE?", _VERSION), ("*IDN?", _VERSION)],
             end=b"\r",
             flow="rts_cts",
             resynced=self._empty_error_buffer,
@@ -157,7 +157,7 @@ class MotionHead:
         DeviceError
             If it is another controller or the axis does not count in degrees.
         """
-        version = self._ask("VE?", _version)
+        version = self._identity()
         if MODEL not in version.upper().replace(" ", ""):
             raise DeviceError(f"{self._name}: is {version!r}, expected an {MODEL}")
         unit = self._setting("SN?")
@@ -176,7 +176,7 @@ class MotionHead:
         dict
             What the controller answered; "no answer" where it refused a question.
         """
-        settings: dict[str, str | float] = {"identity": self._ask("VE?", _version)}
+        settings: dict[str, str | float] = {"identity": self._identity()}
         for key, question in {
             "unit": "SN?",
             "speed_deg_per_s": "VA?",
@@ -230,6 +230,14 @@ class MotionHead:
         self._command(f"{self._config.axis}ST")
 
     # ---- exchanges
+
+    def _identity(self) -> str:
+        """Ask for the version, the other way too when the first is not understood."""
+        try:
+            return self._ask("VE?", _version)
+        except (LinkError, DeviceError) as err:
+            log.info("%s; trying *IDN?", err)
+            return self._ask("*IDN?", _version)
 
     def _start(self, angle_deg: float) -> None:
         """Send a move once; send it again only when the controller shows another target."""

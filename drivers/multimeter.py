@@ -11,6 +11,7 @@ from drivers.multimeter_protocol import (
     FUNCTIONS,
     IDENTITY,
     MODEL,
+    OPTIONAL,
     OVERLOAD,
     OVERRANGE,
     ScanItem,
@@ -67,7 +68,7 @@ class ScanningMultimeter:
             baud=config.baud,
             timeout_s=config.timeout_s,
             retries=config.retries,
-            fence=("*IDN?", IDENTITY),
+            fences=[("*IDN?", IDENTITY)],
             flow="xon_xoff",
             clear=b"\x03",
             resynced=self._empty_error_queue,
@@ -147,10 +148,8 @@ class ScanningMultimeter:
         """
         commands = configuration(channels, nplc)
         self._channels = ()
-        # a serial server or a later model may have no remote state to go into
-        self._command("SYST:REM", optional=True)
         for command in commands:
-            self._command(command)
+            self._command(command, optional=command in OPTIONAL)
         self._channels = tuple(channels)
         self._nplc = nplc
 

@@ -25,6 +25,9 @@ RANGES: Mapping[str, tuple[float, ...]] = {
 FUNCTIONS: Mapping[str, str] = {"voltage": "VOLT:DC", "resistance": "RES"}
 OVERRANGE = 1.2  # the instrument measures up to 120 % of a range
 OVERLOAD = 9.9e37
+# these only make sure of what *RST leaves anyway, or of a state that other ports do not have; an
+# instrument of the family that refuses them can still be used
+OPTIONAL = frozenset(("SYST:REM", "TRIG:SOUR IMM", "TRIG:COUN 1"))
 
 
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([Ee][+-]?\d+)?")
@@ -160,7 +163,7 @@ def configuration(channels: Sequence[ScanChannel], nplc: float) -> tuple[str, ..
     groups: dict[tuple[str, float], list[int]] = {}
     for channel in channels:
         groups.setdefault((channel.quantity, range_for(channel)), []).append(channel.number)
-    commands = ["*RST", "*CLS"]
+    commands = ["SYST:REM", "*RST", "*CLS"]
     for (quantity, full_scale), members in groups.items():
         function, where = FUNCTIONS[quantity], _list(members)
         commands.append(f"CONF:{function} {full_scale:g},{where}")
@@ -171,7 +174,6 @@ def configuration(channels: Sequence[ScanChannel], nplc: float) -> tuple[str, ..
         "FORM:READ:TIME ON",
         "FORM:READ:TIME:TYPE REL",
         "FORM:READ:UNIT OFF",
-        "FORM:READ:ALAR OFF",
         "TRIG:SOUR IMM",
         "TRIG:COUN 1",
         f"ROUT:SCAN {_list(numbers)}",

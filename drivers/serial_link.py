@@ -13,7 +13,7 @@ import logging
 import re
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TypeVar
 
 import serial
@@ -46,8 +46,9 @@ class SerialLink:
         How long an answer may take unless the question says otherwise, real seconds.
     retries : int
         How often a question is asked again.
-    fence : tuple of str and compiled pattern
-        A question and what its answer looks like, for getting into step.
+    fences : sequence of (str, compiled pattern)
+        A question and what its answer looks like, for getting into step; the next one is tried
+        when one is not answered.
     end : bytes
         What ends a command. A reply ends with LF, CR before it or not.
     flow : {"none", "xon_xoff", "rts_cts"}
@@ -71,7 +72,7 @@ class SerialLink:
         baud: int,
         timeout_s: float,
         retries: int,
-        fence: tuple[str, re.Pattern[str]],
+        fences: Sequence[tuple[str, re.Pattern[str]]],
         end: bytes = b"\n",
         flow: Flow = "none",
         clear: bytes = b"",
@@ -84,7 +85,9 @@ class SerialLink:
         self.counters = LinkCounters()
         self._address = address(url, name)
         self._baud = baud
-        self._fence = fence
+        self._fences = tuple(fences)
+        self._fence = 0
+        self._failed_fences = 0
         self._end = end
         self._flow: Flow = flow
         self._clear = clear
@@ -94,7 +97,6 @@ class SerialLink:
         self._in_step = False
         self._closed = False
         self._opened_before = False
-        self._fence_failed = False
         self._lock = threading.RLock()
 
     def open(self) -> None:
@@ -167,6 +169,9 @@ class SerialLink:
                     attempt += 1
                     self.counters.retries += 1
                     log.warning("%s; asking again (%d of %d)", err, attempt, allowed)
+                except BaseException:  # interrupted, perhaps between question and answer
+                    self._shut()
+                    raise
 
     def send(self, command: str) -> None:
         """Send one command; only inside an exchange.
@@ -233,28 +238,31 @@ class SerialLink:
         if self._in_step:
             return
         self._drain()
-        command, pattern = self._fence
-        if self._fence_failed and self._clear:
+        command, pattern = self._fences[self._fence]
+        if self._failed_fences and self._clear:
             self._write_raw(self._clear)
-        self._fence_failed = True
         self.send(command)
-        deadline_s = time.monotonic() + self.timeout_s
-        while not pattern.fullmatch(line := self._receive_any(deadline_s)):
-            log.info("%s: threw away a stale line %.60r", self.name, line)
+        try:
+            deadline_s = time.monotonic() + self.timeout_s
+            while not pattern.fullmatch(line := self._receive_any(deadline_s, command)):
+                log.info("%s: threw away a stale line %.60r", self.name, line)
+        except LinkError:
+            self._failed_fences += 1
+            self._fence = (self._fence + 1) % len(self._fences)
+            raise
         self._drain()  # an older answer to the fence may have been the first
-        self._fence_failed = False
+        self._failed_fences = 0
         self._in_step = True
         if self._resynced is not None:
             self._resynced()
 
-    def _receive_any(self, deadline_s: float) -> str:
+    def _receive_any(self, deadline_s: float, command: str) -> str:
         """Receive a line of whatever bytes."""
         raw = self._read_line(deadline_s)
         if raw is None:
             self.counters.timeouts += 1
             raise LinkError(
-                f"{self.name} at {self.url}: no answer to {self._fence[0]!r} "
-                f"within {self.timeout_s:g} s"
+                f"{self.name} at {self.url}: no answer to {command!r} within {self.timeout_s:g} s"
             )
         return raw.strip(b"\r").decode("ascii", "replace")
 
@@ -275,7 +283,8 @@ class SerialLink:
     def _read_some(self, port: serial.Serial, wait_s: float) -> bytes:
         """Wait for a byte at most `wait_s` and return all that are there."""
         try:
-            port.timeout = wait_s
+            if port.timeout != wait_s:  # setting it sets up the whole port
+                port.timeout = wait_s
             first = port.read(1)
             return first + (port.read(port.in_waiting) if first and port.in_waiting else b"")
         except PORT_ERRORS as err:

@@ -175,6 +175,15 @@ def test_another_controller_is_recognised(scripted):
     head.close()
 
 
+def test_a_controller_that_only_knows_idn(scripted):
+    port = scripted(
+        {"*IDN?": ["NEWPORT ESP301 Version 3.0"], "TB?": ["0, 1, NO ERROR DETECTED"], "1SN?": ["7"]}
+    )
+    head = MotionHead(HeadConfig(url=port.url, timeout_s=0.1, retries=2))
+    assert head.identify() == "NEWPORT ESP301 Version 3.0"
+    head.close()
+
+
 def test_a_motor_switched_off_at_the_panel_is_switched_on_again(pty_head):
     head = pty_head.open()
     head.move_to_deg(10.0)

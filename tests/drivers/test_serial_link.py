@@ -16,7 +16,7 @@ FENCE = ("WHO?", re.compile("me"))
 
 
 def link_to(url, **more):
-    settings = {"name": "probe", "baud": 9600, "timeout_s": 0.2, "retries": 1, "fence": FENCE}
+    settings = {"name": "probe", "baud": 9600, "timeout_s": 0.2, "retries": 1, "fences": [FENCE]}
     return SerialLink(url, **(settings | more))
 
 
@@ -89,6 +89,30 @@ def test_first_question_is_the_fence(scripted):
     assert ask(link, "A?") == "1"
     assert ask(link, "A?") == "1"
     assert port.sent == ["WHO?", "A?", "A?"]
+    link.close()
+
+
+def test_the_second_fence_is_tried_when_the_first_is_not_understood(scripted):
+    port = scripted({"AGAIN?": ["me"], "A?": ["1"]})
+    link = link_to(port.url, fences=[FENCE, ("AGAIN?", FENCE[1])], timeout_s=0.1)
+    assert ask(link, "A?") == "1"
+    assert port.sent == ["WHO?", "AGAIN?", "A?"]
+    link.close()
+
+
+def test_an_interrupted_exchange_leaves_the_link_out_of_step(scripted):
+    """Ctrl-C between question and answer: what is asked while shutting down gets its own answer."""
+    port = scripted({"WHO?": ["me"], "A?": ["stale"], "B?": ["fresh"]})
+    link = link_to(port.url)
+
+    def interrupted():
+        link.send("A?")
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        link.transact("A?", interrupted)
+    assert ask(link, "B?", retries=0) == "fresh"
+    assert port.sent == ["WHO?", "A?", "WHO?", "B?"]
     link.close()
 
 
