@@ -264,6 +264,22 @@ def _result(
     )
 
 
+def expected_covariance(
+    model: ErrorModel, record: Record, values: Mapping[str, float], noise: NoiseModel
+) -> FloatArray:
+    """Return the covariance a fit with equal weights will have, before there is an output.
+
+    Returns
+    -------
+    ndarray, shape (p, p)
+        In the order of `model.names`.
+    """
+    columns = derivative(model, record, values)
+    norms = np.linalg.norm(columns, axis=0)
+    cov = _equal_covariance(record, columns / norms, columns[:, 0], [noise], np.ones(1))
+    return cov / np.outer(norms, norms)
+
+
 def _equal_covariance(
     record: Record,
     columns: FloatArray,

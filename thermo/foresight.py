@@ -1,0 +1,153 @@
+"""What a planned test can and cannot separate, and how well, before it is run."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from errormodel.fit import examine, expected_covariance
+from errormodel.model import ErrorModel
+from errormodel.noise import NoiseModel
+from errormodel.record import Record
+from thermo.inputs import Channel, direction_of, smooth_temperature
+from thermo.live import ASSUMED_NOISE
+from thermo.modelfile import reported_units, reporting_factors
+from thermo.plan import RunPlan
+from thermo.selection import equation, separable_names
+from thermo.terms import STATIC_NAMES, term
+
+# The orders a quartz-flexure accelerometer usually wants; lower when the plan cannot carry them.
+K0_ORDER, K1_ORDER = 3, 2
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Foreseen:
+    """One coefficient's expected sigma, in the unit of the report."""
+
+    name: str
+    sigma: float
+    unit: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Foresight:
+    """What a planned test will give.
+
+    Attributes
+    ----------
+    expected : tuple of Foreseen
+    confounded : tuple of tuple of str
+        Groups the plan cannot separate; a group of one has no effect in it at all.
+    noise : NoiseModel
+        What was assumed.
+    """
+
+    expected: tuple[Foreseen, ...]
+    confounded: tuple[tuple[str, ...], ...]
+    noise: NoiseModel
+
+    def lines(self) -> tuple[str, ...]:
+        """Return the foresight as plain lines for `--dry-run`."""
+        noise = self.noise
+        head = (
+            f"Sigmas to expect with {1e6 * noise.white:g} µg of white noise a reading and "
+            f"{1e6 * noise.drift:g} µg of drift over {noise.drift_tau_s / 3600:g} h:"
+        )
+        rows = tuple(f"  {e.name:<8} {e.sigma:10.3g} {e.unit}" for e in self.expected)
+        if not self.confounded:
+            return (head, *rows, "Every coefficient of the model equation can be separated.")
+        lost = tuple(
+            f"  {g[0]} has no effect in this plan" if len(g) == 1 else f"  {' ~ '.join(g)}"
+            for g in self.confounded
+        )
+        return (head, *rows, "Cannot be separated with this plan:", *lost)
+
+
+def foresee(
+    runs: Sequence[RunPlan],
+    *,
+    t_ref_c: float = 25.0,
+    nominal_scale: float = 1.0,
+    output_unit: str = "g",
+    noise: NoiseModel = ASSUMED_NOISE,
+) -> Foresight:
+    """Foresee what the model equation's coefficients will be known to.
+
+    Parameters
+    ----------
+    runs : sequence of RunPlan
+        The runs that will be fitted together.
+    t_ref_c : float
+        Reference temperature, °C.
+    nominal_scale, output_unit : float, str
+        For K1, in output units per g.
+    noise : NoiseModel
+        Assumed noise of a reading, g.
+
+    Returns
+    -------
+    Foresight
+    """
+    channel = _planned(runs, t_ref_c)
+    names, lost = separable_names(channel)
+    static = [n for n in names if n in STATIC_NAMES or n in ("k0", "k1")]
+    top = {f: max([k for k in range(5) if f"{f}_t{k}" in names], default=0) for f in ("k0", "k1")}
+    model = equation(static, min(K0_ORDER, top["k0"]), min(K1_ORDER, top["k1"]))
+    values = model.start_values()
+    sigmas = np.sqrt(np.diag(expected_covariance(model, channel.record, values, noise)))
+    factors = reporting_factors(model, nominal_scale)
+    units = reported_units(model, output_unit)
+    return Foresight(
+        expected=tuple(
+            Foreseen(name=n, sigma=float(s) * factors[n], unit=units[n])
+            for n, s in zip(model.names, sigmas, strict=True)
+        ),
+        confounded=_partners(channel, names, lost),
+        noise=noise,
+    )
+
+
+def _partners(
+    channel: Channel, names: Sequence[str], lost: Sequence[str]
+) -> tuple[tuple[str, ...], ...]:
+    """Return for each lost coefficient the ones it cannot be told from."""
+    groups: list[tuple[str, ...]] = []
+    kept = [n for n in names if "_t" not in n]
+    for name in lost:
+        model = ErrorModel(tuple(term(n) for n in [*kept, name]))
+        found = examine(model, channel.record, model.start_values()).confounded
+        groups += [g for g in found if name in g] or [(name,)]
+    return tuple(dict.fromkeys(groups))
+
+
+def _planned(runs: Sequence[RunPlan], t_ref_c: float) -> Channel:
+    """Return what an accelerometer will see, without an output."""
+    time_s = np.concatenate([r.time_s for r in runs])
+    run = np.repeat(np.arange(len(runs)), [len(r.time_s) for r in runs])
+    temp_c = np.concatenate([r.temp_c for r in runs])
+    position_deg = np.concatenate([r.position_deg for r in runs])
+    slow_c, rate = smooth_temperature(time_s, temp_c, run)
+    angle = np.deg2rad(position_deg)
+    return Channel(
+        serial="planned",
+        run_ids=tuple(str(r.number) for r in runs),
+        record=Record(
+            time_s=time_s,
+            run=run,
+            signals={
+                "a_i_g": np.sin(angle),
+                "a_p_g": np.cos(angle),
+                "a_o_g": 0.0 * angle,
+                "x_c": temp_c - t_ref_c,
+                "x_slow_c": slow_c - t_ref_c,
+                "rate_c_per_min": rate,
+            },
+        ),
+        temp_c=temp_c,
+        position_deg=position_deg,
+        direction=direction_of(rate),
+        has_input=True,
+        output_unit="g",
+        nominal_scale=1.0,
+        gravity_m_s2=9.80665,
+    )
