@@ -17,8 +17,9 @@ class Eurotherm3504(ModbusChamber):
 
     def _hold(self, temp_c: float) -> None:
         self._local()
-        self._set("ramp_disable", "no_ramp")
+        # the set point first: without the rate limit it would jump to the target of the old ramp
         self._set("setpoint", temp_c)
+        self._set("ramp_disable", "no_ramp")
         self._set("control_mode", "auto")
 
     def _ramp(self, start_c: float, temp_c: float, rate_c_per_min: float) -> None:
@@ -70,7 +71,7 @@ class Eurotherm3504(ModbusChamber):
         return (
             ("end program", self._end_program),
             ("local set point", self._local),
-            ("ramp off", lambda: self._set("ramp_disable", "no_ramp")),
             ("set point", lambda: self._set_safe_temp(temp_c)),
+            ("ramp off", lambda: self._set("ramp_disable", "no_ramp")),
             ("automatic", lambda: self._set("control_mode", "auto")),
         )

@@ -16,8 +16,9 @@ class WatlowF4T(ModbusChamber):
     """
 
     def _hold(self, temp_c: float) -> None:
-        self._set("ramp_action", "off")
+        # the set point first: with the ramp off it would jump to the target of the old ramp
         self._set("setpoint", temp_c)
+        self._set("ramp_action", "off")
         self._set("control_mode", "auto")
 
     def _ramp(self, start_c: float, temp_c: float, rate_c_per_min: float) -> None:
@@ -67,7 +68,7 @@ class WatlowF4T(ModbusChamber):
     def _safe_steps(self, temp_c: float) -> Sequence[SafeStep]:
         return (
             ("end profile", self._end_profile),
-            ("ramp off", lambda: self._set("ramp_action", "off")),
             ("set point", lambda: self._set_safe_temp(temp_c)),
+            ("ramp off", lambda: self._set("ramp_action", "off")),
             ("automatic", lambda: self._set("control_mode", "auto")),
         )

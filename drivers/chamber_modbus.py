@@ -5,12 +5,13 @@ set. Here stand the limits, the reading back of everything written, and the way 
 """
 
 import logging
-import math
+import threading
 from collections.abc import Callable, Mapping, Sequence
 
+from drivers.chamber_limits import ChamberLimits
 from drivers.devices import LinkCounters, Range, SafeResult
 from drivers.errors import DeviceError, InstrumentError, LimitError
-from drivers.modbus import ModbusLink, RefusalError
+from drivers.modbus_link import ModbusLink, RefusalError
 from drivers.registers import Register, load_map
 from drivers.station import ChamberConfig
 
@@ -41,12 +42,8 @@ class ModbusChamber:
         self._config = config
         self._name = name
         self._link = ModbusLink(config, name=name, barrier=self._map.barrier)
-        self._limits_c = Range(lo=config.limits_c[0], hi=config.limits_c[1])
-        lo, hi = config.rate_limits_c_per_min
-        self._rate_limits = Range(
-            lo=max(lo, self._map.ramp_rate_step_c_per_min or lo),
-            hi=min(hi, self._map.ramp_rate_max_c_per_min),
-        )
+        self._limits = ChamberLimits(config, self._map, name=name)
+        self._commanding = threading.RLock()  # making safe must not be undone by a ramp half set
         self._absent: set[str] = set()  # optional registers this controller does not have
 
     # ---- what a Device is
@@ -64,12 +61,12 @@ class ModbusChamber:
     @property
     def limits_c(self) -> Range:
         """Set points outside are refused; `identify` adds the controller's own limits."""
-        return self._limits_c
+        return self._limits.temp_c
 
     @property
     def rate_limits_c_per_min(self) -> Range:
         """Ramp rates the controller can express and the station allows."""
-        return self._rate_limits
+        return self._limits.rate_c_per_min
 
     def identify(self) -> str:
         """Check that what answers behaves like the chamber of the station file.
@@ -93,9 +90,9 @@ class ModbusChamber:
         self._check_settings(settings)
         lo, hi = settings.get("setpoint_low"), settings.get("setpoint_high")
         if isinstance(lo, float) and isinstance(hi, float):
-            self._narrow_limits(lo, hi)
+            self._limits.narrow(lo, hi)
         temp_c = self._plausible("temperature", self._get("temperature"))
-        limits = self._limits_c
+        limits = self.limits_c
         return f"{self._map.title}, {temp_c:g} °C, set points {limits.lo:g} to {limits.hi:g} °C"
 
     def read_settings(self) -> Mapping[str, str | float]:
@@ -131,8 +128,9 @@ class ModbusChamber:
     def hold_temp_c(self, temp_c: float) -> None:
         """Go to `temp_c` (°C) as fast as the chamber does, and hold."""
         self._check_temp(temp_c)
-        self._leave_profile(temp_c)
-        self._hold(temp_c)
+        with self._commanding:
+            self._leave_profile(temp_c)
+            self._hold(temp_c)
 
     def ramp_to_c(self, temp_c: float, rate_c_per_min: float) -> None:
         """Move the set point from where the chamber is to `temp_c` uniformly, and hold there.
@@ -150,13 +148,14 @@ class ModbusChamber:
             If either is outside its limits; nothing was sent.
         """
         self._check_temp(temp_c)
-        self._check_rate(rate_c_per_min)
-        # The controllers ramp from the set point in force; that is first put where the chamber is.
-        present_c = self.read_temp_c()
-        start_c = min(max(present_c, self._limits_c.lo), self._limits_c.hi)
-        self._leave_profile(start_c)
-        self._hold(start_c)
-        self._ramp(start_c, temp_c, rate_c_per_min)
+        self._limits.check_rate(rate_c_per_min)
+        with self._commanding:
+            # the controllers ramp from the set point in force: first put it where the chamber is
+            present_c = self.read_temp_c()
+            start_c = min(max(present_c, self.limits_c.lo), self.limits_c.hi)
+            self._leave_profile(start_c)
+            self._hold(start_c)
+            self._ramp(start_c, temp_c, rate_c_per_min)
 
     def read_alarms(self) -> tuple[str, ...]:
         """Read the faults the chamber reports of itself, in words; empty when there are none."""
@@ -168,8 +167,8 @@ class ModbusChamber:
         lo, hi = self._map.plausible_c
         if not lo <= temp_c <= hi:
             alarms.append(f"temperature {temp_c:g} °C is not plausible")
-        elif temp_c > self._limits_c.hi + OVER_TEMPERATURE_MARGIN_C:
-            alarms.append(f"over-temperature: {temp_c:g} °C, limit {self._limits_c.hi:g} °C")
+        elif temp_c > self.limits_c.hi + OVER_TEMPERATURE_MARGIN_C:
+            alarms.append(f"over-temperature: {temp_c:g} °C, limit {self.limits_c.hi:g} °C")
         return tuple(alarms)
 
     def make_safe(self, temp_c: float) -> SafeResult:
@@ -189,10 +188,11 @@ class ModbusChamber:
         SafeResult
         """
         log.warning("%s: making safe at %g °C", self._name, temp_c)
-        verified, worked, lines = self._safe_pass(temp_c)
-        if not verified and worked:
-            verified, _, again = self._safe_pass(temp_c)
-            lines = [*lines, "once more:", *again]
+        with self._commanding:
+            verified, worked, lines = self._safe_pass(temp_c)
+            if not verified and worked:
+                verified, _, again = self._safe_pass(temp_c)
+                lines = [*lines, "once more:", *again]
         if not verified:
             log.error("%s: not verified to be safe: %s", self._name, "; ".join(lines))
         return SafeResult(verified=verified, steps=tuple(lines))
@@ -299,45 +299,8 @@ class ModbusChamber:
         return value
 
     def _check_temp(self, temp_c: float) -> None:
-        limits = self._limits_c
-        if not (math.isfinite(temp_c) and temp_c in limits):
-            raise LimitError(
-                f"{self._name}: set point {temp_c:g} °C is outside "
-                f"{limits.lo:g} to {limits.hi:g} °C, nothing was sent"
-            )
+        self._limits.check_temp(temp_c)
         self._encode("setpoint", temp_c)
-
-    def _check_rate(self, rate: float) -> None:
-        limits, step = self._rate_limits, self._map.ramp_rate_step_c_per_min
-        if not (math.isfinite(rate) and rate in limits):
-            raise LimitError(
-                f"{self._name}: rate {rate:g} °C/min is outside "
-                f"{limits.lo:g} to {limits.hi:g} °C/min, nothing was sent"
-            )
-        if step is not None and abs(rate / step - round(rate / step)) > 1e-6:
-            raise LimitError(
-                f"{self._name}: rate {rate:g} °C/min cannot be set, "
-                f"expected a multiple of {step:g} °C/min, nothing was sent"
-            )
-
-    def _narrow_limits(self, lo: float, hi: float) -> None:
-        """Let the tighter of the station's and the controller's limits apply."""
-        if not lo < hi:
-            log.warning("%s: the controller has no set point limits (%g, %g)", self._name, lo, hi)
-            return
-        wanted = self._config.limits_c
-        narrowed = Range(lo=max(lo, wanted[0]), hi=min(hi, wanted[1]))
-        if not narrowed.lo < narrowed.hi:
-            raise DeviceError(
-                f"{self._name}: the controller takes set points {lo:g} to {hi:g} °C, "
-                f"the station file says {wanted[0]:g} to {wanted[1]:g} °C"
-            )
-        if (narrowed.lo, narrowed.hi) != wanted:
-            log.warning(
-                "%s: set points limited to %g to %g °C by the controller",
-                self._name, narrowed.lo, narrowed.hi,
-            )  # fmt: skip
-        self._limits_c = narrowed
 
     def _safe_pass(self, temp_c: float) -> tuple[bool, bool, list[str]]:
         """Go through the steps once: all held, any held, one line each."""

@@ -1,18 +1,14 @@
-"""Modbus as the chamber drivers use it: the one module that knows pymodbus.
+"""The one module that knows pymodbus: a port on which one question is asked at a time.
 
-pymodbus frames the questions and decodes the answers; opening the port, checking that an answer
-belongs to its question, and what to do when it does not, stand here. After anything but a clean
-answer the link is dropped and made anew before the next question, so that a late reply is never
-taken for the next answer. On RTU, where a reply does not say what it answers, a new link is first
-brought into step: the line must fall quiet and then answer a question of unusual length.
+pymodbus frames the questions and decodes the answers. Opening the port, so that the reason of a
+failure is not lost, and checking every byte of an answer against its question stand here. What to
+do about a failure is decided in `drivers.modbus_link`.
 """
 
 import logging
 import select
 import socket
-import threading
 import time
-from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Literal
@@ -23,50 +19,26 @@ from pymodbus.client import ModbusSerialClient, ModbusTcpClient
 from pymodbus.framer import FramerRTU, FramerType
 from pymodbus.pdu import ModbusPDU
 
-from drivers.devices import LinkCounters
-from drivers.errors import DeviceError, InstrumentError, LinkError, ProtocolError
-from drivers.registers import Barrier
 from drivers.station import LinkConfig
 
-log = logging.getLogger(__name__)
-
-# what pymodbus has to say is said by this module once, in a line; without this it lands on stderr
+# what pymodbus has to say the link says once, in a line; without this it lands on stderr
 _library_log = logging.getLogger("pymodbus")
 _library_log.addHandler(logging.NullHandler())
 _library_log.propagate = False
 
 Transport = Literal["tcp", "rtu+tcp", "rtu"]
-BARRIER_TRIES = 3
-EXCEPTIONS = {
-    1: "illegal function",
-    2: "illegal data address",
-    3: "illegal data value",
-    4: "device failure",
-    5: "acknowledged, still working on it",
-    6: "device busy",
-    8: "memory parity error",
-    10: "gateway path unavailable",
-    11: "gateway target does not respond",
-}
-_TRY_AGAIN = frozenset((5, 6))
-_ABSENT = frozenset((1, 2))
 
 
-class RefusalError(DeviceError):
-    """The controller answered with a Modbus exception."""
+class PortError(Exception):
+    """The port cannot be opened, or is gone; the message says why."""
 
-    def __init__(self, message: str, code: int) -> None:
-        super().__init__(message)
-        self.code = code
 
-    @property
-    def absent(self) -> bool:
-        """Whether the controller says that it has no such register."""
-        return self.code in _ABSENT
+class SilenceError(Exception):
+    """Not a byte came back in time."""
 
 
 class BadReplyError(Exception):
-    """The bytes so far cannot become the answer."""
+    """The bytes that came back are not the answer, or not all of it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -76,6 +48,25 @@ class Endpoint:
     transport: Transport
     host: str  # or the path of the serial port
     port: int
+
+
+@dataclass(frozen=True, slots=True)
+class Question:
+    """A request in the terms of the protocol; functions 3, 4, 6 and 16."""
+
+    function: int
+    address: int
+    count: int
+    words: tuple[int, ...]  # to be written
+    what: str  # for messages and counters
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """What a controller answered: the words read, or the code of its exception."""
+
+    words: tuple[int, ...]
+    exception: int | None = None
 
 
 def parse_url(url: str) -> Endpoint:
@@ -110,251 +101,75 @@ def parse_url(url: str) -> Endpoint:
     raise ValueError(f"url {url!r}: {expected}")
 
 
-@dataclass(frozen=True, slots=True)
-class _Question:
-    """A request in the terms of the protocol."""
-
-    function: int
-    address: int
-    count: int
-    words: tuple[int, ...]
-    what: str
-
-
-class ModbusLink:
-    """One controller at the end of a wire. Thread-safe: one question at a time.
-
-    The port is opened with the first question.
+class Port:
+    """An open connection to a controller; one that failed is closed and not used again.
 
     Parameters
     ----------
+    endpoint : Endpoint
     config : LinkConfig
-        URL, unit, time limit and retries.
-    name : str
-        The instrument's name, for messages.
-    barrier : Barrier
-        Registers to bring an RTU line into step with.
+        Unit, baud rate and time limit.
+    transaction : int
+        Number of the last transaction on the port before this one.
 
     Raises
     ------
-    ValueError
-        If the URL cannot be understood.
+    PortError
+        If it cannot be opened.
     """
 
-    def __init__(self, config: LinkConfig, *, name: str, barrier: Barrier) -> None:
-        self.name = name
-        self.url = config.url
-        self.counters = LinkCounters()
+    def __init__(self, endpoint: Endpoint, config: LinkConfig, transaction: int) -> None:
+        self.sent = False  # whether the last question went out
+        self._rtu = endpoint.transport != "tcp"
         self._config = config
-        self._barrier = barrier
-        self._endpoint = parse_url(config.url)
-        self._lock = threading.RLock()
-        self._client: ModbusTcpClient | ModbusSerialClient | None = None
-        self._closed = False
-        self._was_open = False
-        self._must_settle = False  # the last link was dropped with a reply perhaps still to come
-        self._transaction = 0  # goes on over new links, so that an old reply is known by its number
-        self._barriers = 0
         self._request = b""
         self._heard = False
-        self._sent = False
         self._deadline_s = 0.0
-
-    def read(
-        self, address: int, count: int, *, what: str = "registers", function: Literal[3, 4] = 3
-    ) -> tuple[int, ...]:
-        """Read registers.
-
-        Parameters
-        ----------
-        address : int
-            Of the first register, 0-based.
-        count : int
-            How many.
-        what : str
-            What is read, for messages and counters.
-        function : int
-            3 for holding, 4 for input registers.
-
-        Returns
-        -------
-        tuple of int, length `count`
-
-        Raises
-        ------
-        LinkError
-            No answer, or no connection.
-        ProtocolError
-            An answer, but not to this question.
-        RefusalError
-            The controller refused.
-        """
-        return self._ask(_Question(function, address, count, (), f"read {what}"), repeatable=True)
-
-    def write(
-        self,
-        address: int,
-        words: Sequence[int],
-        *,
-        what: str = "registers",
-        repeatable: bool = True,
-    ) -> None:
-        """Write registers: one with function 6, several with function 16.
-
-        Parameters
-        ----------
-        address : int
-            Of the first register, 0-based.
-        words : sequence of int
-            16-bit values.
-        what : str
-            What is written, for messages and counters.
-        repeatable : bool
-            False for a command that must not be given twice: once sent it is not sent again, and
-            the error leaves open whether the controller took it.
-
-        Raises
-        ------
-        LinkError, ProtocolError, RefusalError
-            As for `read`.
-        """
-        function = 6 if len(words) == 1 else 16
-        question = _Question(function, address, len(words), tuple(words), f"write {what}")
-        self._ask(question, repeatable=repeatable)
-
-    def close(self) -> None:
-        """Release the port for good; harmless when done twice."""
-        with self._lock:
-            self._closed = True
-            self._drop()
-
-    # ---- one question and what may become of it
-
-    def _ask(self, question: _Question, *, repeatable: bool) -> tuple[int, ...]:
-        with self._lock:
-            attempt = 0
-            while True:
-                self._sent = False
-                try:
-                    return self._exchange(question)
-                except InstrumentError as failure:
-                    attempt += 1
-                    self._note(failure)
-                    again = self._may_repeat(failure, repeatable=repeatable)
-                    if not again or attempt > self._config.retries:
-                        raise
-                    self.counters.retries += 1
-                    log.warning("%s; asking again (%d/%d)", failure, attempt, self._config.retries)
-
-    def _may_repeat(self, failure: InstrumentError, *, repeatable: bool) -> bool:
-        if self._closed:
-            return False
-        if isinstance(failure, RefusalError):  # refused, so not done: safe to repeat
-            return failure.code == 6 or (repeatable and failure.code in _TRY_AGAIN)
-        return repeatable or not self._sent
-
-    def _note(self, failure: InstrumentError) -> None:
-        """Count a failure; whatever was not a clean answer costs the link."""
-        self.counters.last_fault = str(failure)
-        if not isinstance(failure, RefusalError):
-            self._drop()
-
-    def _exchange(self, question: _Question) -> tuple[int, ...]:
         try:
-            client = self._ready_client()
-        finally:
-            self._sent = False  # what went over the wire so far was not this question
-        return self._converse(client, question)
+            self._client = self._open(endpoint)
+        except Exception as error:  # OSError, termios.error, OverflowError, UnicodeError…
+            raise PortError(_reason(error)) from None
+        self._client.transaction.next_tid = transaction
 
-    def _converse(
-        self, client: ModbusTcpClient | ModbusSerialClient, question: _Question
-    ) -> tuple[int, ...]:
-        """Send a question on an open link and return the words of its answer."""
-        where = f"{self.name}: {question.what} at {question.address}"
-        self.counters.exchanges += 1
-        by_command = self.counters.by_command
-        by_command[question.what] = by_command.get(question.what, 0) + 1
-        self._heard = False
+    @property
+    def transaction(self) -> int:
+        """Number of the last transaction."""
+        return self._client.transaction.next_tid
+
+    def ask(self, question: Question) -> Answer:
+        """Send a question and wait for its answer.
+
+        Raises
+        ------
+        SilenceError
+            Nothing came back in time.
+        BadReplyError
+            What came back does not answer the question, or is not all of an answer.
+        PortError
+            The connection is gone.
+        """
+        self._heard = self.sent = False
         self._deadline_s = time.monotonic() + 2 * self._config.timeout_s
-        client.transaction.next_tid = self._transaction
-        clean = False
+        if self._client.socket is None:  # pymodbus would connect again by itself
+            raise PortError("connection lost")
         try:
-            reply = self._call(client, question)
-            clean = True
-        except BadReplyError as error:
-            self.counters.bad_replies += 1
-            raise ProtocolError(f"{where}: {error}, link dropped, {self.url}") from None
+            reply = self._call(question)
+        except BadReplyError:
+            raise
         except Exception as error:  # the library lets out many kinds; none may go further
-            raise self._failure(where, error) from None
-        finally:
-            self._transaction = client.transaction.next_tid
-            if not clean:  # also when interrupted: a reply may still be on its way
-                self._drop()
+            if isinstance(error, OSError) or "Connection" in type(error).__name__:
+                raise PortError("connection lost") from None
+            if self._heard:
+                raise BadReplyError("reply not complete") from None
+            raise SilenceError(f"no reply in {self._config.timeout_s:g} s") from None
         if reply.isError():
-            code = int(getattr(reply, "exception_code", 0))
-            words = EXCEPTIONS.get(code, "unknown exception")
-            raise RefusalError(f"{where}: refused with exception {code}, {words}", code)
-        return tuple(int(r) & 0xFFFF for r in reply.registers) if question.function < 6 else ()
+            return Answer((), int(getattr(reply, "exception_code", 0)))
+        reads = question.function in (3, 4)
+        return Answer(tuple(int(r) & 0xFFFF for r in reply.registers) if reads else ())
 
-    def _failure(self, where: str, error: Exception) -> InstrumentError:
-        """Say what the library's exception means."""
-        if isinstance(error, OSError) or "Connection" in type(error).__name__:
-            return LinkError(f"{where}: connection lost, {self.url}")
-        if self._heard:
-            self.counters.bad_replies += 1
-            return ProtocolError(f"{where}: reply not complete, link dropped, {self.url}")
-        self.counters.timeouts += 1
-        timeout_s = self._config.timeout_s
-        return LinkError(f"{where}: no reply in {timeout_s:g} s, link dropped, {self.url}")
-
-    def _call(self, client: ModbusTcpClient | ModbusSerialClient, question: _Question) -> ModbusPDU:
-        unit = self._config.unit_id
-        if question.function == 3:
-            return client.read_holding_registers(
-                question.address, count=question.count, device_id=unit
-            )
-        if question.function == 4:
-            return client.read_input_registers(
-                question.address, count=question.count, device_id=unit
-            )
-        if question.function == 6:
-            return client.write_register(question.address, question.words[0], device_id=unit)
-        return client.write_registers(question.address, list(question.words), device_id=unit)
-
-    def _on_bytes(self, sending: bool, data: bytes) -> bytes:
-        """See each frame as it passes; stop the exchange at the first wrong byte of a reply."""
-        if sending:
-            self._request = bytes(data)
-            self._sent = True
-            return data
-        self._heard = True
-        check_reply(self._request, bytes(data), rtu=self._endpoint.transport != "tcp")
-        if time.monotonic() > self._deadline_s:
-            raise BadReplyError("the reply trickles in too slowly")
-        return data
-
-    # ---- the link itself
-
-    def _ready_client(self) -> ModbusTcpClient | ModbusSerialClient:
-        """Return an open client that is in step with the controller."""
-        if self._closed:
-            raise LinkError(f"{self.name}: the link to {self.url} was closed")
-        if self._client is not None and self._is_stale(self._client):
-            log.warning(
-                "%s: idle link closed, or holding bytes, made anew, %s", self.name, self.url
-            )
-            self._drop()
-        if self._client is not None:
-            return self._client
-        client = self._open()
-        if self._endpoint.transport != "tcp":
-            client = self._settle(client)
-        self._must_settle = False
-        return client
-
-    def _is_stale(self, client: ModbusTcpClient | ModbusSerialClient) -> bool:
-        """Tell whether an idle link holds bytes, or was closed from the other side."""
-        port = client.socket
+    def is_stale(self) -> bool:
+        """Tell whether the idle port holds bytes, or was closed from the other side."""
+        port = self._client.socket
         try:
             if port is None:
                 return True
@@ -364,102 +179,100 @@ class ModbusLink:
         except (OSError, ValueError):
             return True
 
-    def _open(self) -> ModbusTcpClient | ModbusSerialClient:
-        """Open the port, and count it when it is not for the first time."""
-        self._client = self._new_client()
-        self.counters.reconnects += self._was_open
-        self._was_open = True
-        return self._client
+    def drain(self, quiet_s: float) -> None:
+        """Throw away what comes until nothing comes for `quiet_s`.
 
-    def _new_client(self) -> ModbusTcpClient | ModbusSerialClient:
-        """Open the port here rather than in pymodbus, which keeps the reason to itself."""
-        timeout_s, end = self._config.timeout_s, self._endpoint
-        try:
-            if end.transport == "rtu":
-                client = ModbusSerialClient(
-                    end.host,
-                    baudrate=self._config.baud,
-                    timeout=timeout_s,
-                    retries=0,
-                    trace_packet=self._on_bytes,
-                )
-                client.socket = serial.Serial(
-                    end.host,
-                    baudrate=self._config.baud,
-                    timeout=timeout_s,
-                    write_timeout=timeout_s,
-                    exclusive=True,  # two masters on one line would take each other's replies
-                )
-                return client
-            tcp = ModbusTcpClient(
-                end.host,
-                port=end.port,
-                framer=FramerType.SOCKET if end.transport == "tcp" else FramerType.RTU,
-                timeout=timeout_s,
-                retries=0,
-                trace_packet=self._on_bytes,
-            )
-            tcp.socket = socket.create_connection((end.host, end.port), timeout=timeout_s)
-            tcp.socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-            return tcp
-        except Exception as error:  # OSError, termios.error, OverflowError, UnicodeError…
-            reason = getattr(error, "strerror", None) or str(error).partition("\n")[0]
-            raise LinkError(f"{self.name}: cannot open {self.url}: {reason}") from None
-
-    def _settle(
-        self, client: ModbusTcpClient | ModbusSerialClient
-    ) -> ModbusTcpClient | ModbusSerialClient:
-        """Bring an RTU line into step: let it fall quiet, then have the barrier answered.
-
-        Returns the client that is in step; the one given may have been replaced.
+        Raises
+        ------
+        BadReplyError
+            If the line does not fall quiet within ten times as long.
+        PortError
+            If the connection is gone.
         """
-        if self._must_settle:
-            self._drain(client, self._config.timeout_s)
-        for _ in range(BARRIER_TRIES):
-            # the two lengths take turns, so that a late answer to one barrier is not the next's
-            count = self._barrier.counts[self._barriers % 2]
-            self._barriers += 1
-            barrier = _Question(3, self._barrier.address, count, (), "read barrier")
-            try:
-                self._converse(client, barrier)
-            except RefusalError:  # an answer too
-                return client
-            except ProtocolError as failure:
-                log.warning("%s; waiting for the line to fall quiet", failure)
-                client = self._open()
-                self._drain(client, self._config.timeout_s)
-            else:
-                return client
-        raise ProtocolError(f"{self.name}: replies do not fit the questions asked, {self.url}")
-
-    def _drain(self, client: ModbusTcpClient | ModbusSerialClient, quiet_s: float) -> None:
-        """Throw away what comes until nothing comes for `quiet_s`."""
-        port = client.socket
         give_up_s = time.monotonic() + 10 * quiet_s
         try:
             while time.monotonic() < give_up_s:
-                if isinstance(port, socket.socket):
-                    if not select.select([port], [], [], quiet_s)[0]:
-                        return
-                    if not port.recv(4096):
-                        raise LinkError(f"{self.name}: connection lost, {self.url}")
-                elif port is not None:
-                    port.timeout = quiet_s
-                    if not port.read(1):
-                        port.timeout = self._config.timeout_s
-                        return
-                    port.reset_input_buffer()
+                if not self._heard_within(quiet_s):
+                    return
         except (OSError, ValueError):
-            raise LinkError(f"{self.name}: connection lost, {self.url}") from None
-        raise ProtocolError(f"{self.name}: the line never falls quiet, {self.url}")
+            raise PortError("connection lost") from None
+        raise BadReplyError("the line never falls quiet")
 
-    def _drop(self) -> None:
-        """Close the port; whatever is still on its way will not be listened to."""
-        client, self._client = self._client, None
-        self._must_settle = True
-        if client is not None:
-            with suppress(Exception):  # a port that is gone may fail to close
-                client.close()
+    def close(self) -> None:
+        """Close it; a port that is gone may fail to, which is as good."""
+        with suppress(Exception):
+            self._client.close()
+
+    def _heard_within(self, wait_s: float) -> bool:
+        port = self._client.socket
+        if isinstance(port, socket.socket):
+            if not select.select([port], [], [], wait_s)[0]:
+                return False
+            if not port.recv(4096):
+                raise OSError("closed from the other side")
+            return True
+        if port is None:
+            raise OSError("closed")
+        port.timeout = wait_s
+        heard = bool(port.read(1))
+        port.reset_input_buffer()
+        port.timeout = self._config.timeout_s
+        return heard
+
+    def _open(self, end: Endpoint) -> ModbusTcpClient | ModbusSerialClient:
+        timeout_s, baud = self._config.timeout_s, self._config.baud
+        if end.transport == "rtu":
+            line = ModbusSerialClient(
+                end.host, baudrate=baud, timeout=timeout_s, retries=0, trace_packet=self._on_bytes
+            )
+            line.socket = serial.Serial(
+                end.host,
+                baudrate=baud,
+                timeout=timeout_s,
+                write_timeout=timeout_s,
+                exclusive=True,  # two masters on one line would take each other's replies
+            )
+            return line
+        framer = FramerType.SOCKET if end.transport == "tcp" else FramerType.RTU
+        client = ModbusTcpClient(
+            end.host,
+            port=end.port,
+            framer=framer,
+            timeout=timeout_s,
+            retries=0,
+            trace_packet=self._on_bytes,
+        )
+        client.socket = socket.create_connection((end.host, end.port), timeout=timeout_s)
+        client.socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        return client
+
+    def _call(self, question: Question) -> ModbusPDU:
+        client, unit, at = self._client, self._config.unit_id, question.address
+        if question.function == 3:
+            return client.read_holding_registers(at, count=question.count, device_id=unit)
+        if question.function == 4:
+            return client.read_input_registers(at, count=question.count, device_id=unit)
+        if question.function == 6:
+            return client.write_register(at, question.words[0], device_id=unit)
+        return client.write_registers(at, list(question.words), device_id=unit)
+
+    def _on_bytes(self, sending: bool, data: bytes) -> bytes:
+        """See each frame as it passes; stop the exchange at the first wrong byte of a reply."""
+        if sending:
+            self._request = bytes(data)
+            self.sent = True
+            return data
+        self._heard = True
+        check_reply(self._request, bytes(data), rtu=self._rtu)
+        if time.monotonic() > self._deadline_s:
+            raise BadReplyError("the reply trickles in too slowly")
+        return data
+
+
+def _reason(error: Exception) -> str:
+    """Say in a few words why a port does not open."""
+    text = getattr(error, "strerror", None) or str(error) or type(error).__name__
+    return text.partition("\n")[0]
 
 
 def check_reply(request: bytes, reply: bytes, *, rtu: bool) -> None:

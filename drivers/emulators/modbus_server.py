@@ -8,16 +8,16 @@ import logging
 import os
 import select
 import socket
-import tempfile
 import threading
 import time
-import tty
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import Literal, Protocol
+from typing import Literal
 
 from drivers.emulators.faults import FaultPlan
+from drivers.emulators.modbus_frames import Bank, answer, crc16, take_rtu, word_at
+from drivers.emulators.pseudo_terminal import PseudoTerminal
 
 log = logging.getLogger(__name__)
 
@@ -26,120 +26,6 @@ SPLIT_PAUSE_S = 0.03  # real: long against a character, short against any asker'
 GAP_S = 0.05  # real: an RTU frame that does not go on for so long is given up
 SEND_S = 5.0  # real: a client that takes nothing for so long is given up
 DEVICE_FAILURE = 4
-
-
-class RefusedError(Exception):
-    """The register bank refuses; `code` is the Modbus exception."""
-
-    def __init__(self, code: int) -> None:
-        super().__init__(f"Modbus exception {code}")
-        self.code = code
-
-
-class Bank(Protocol):
-    """Registers behind the server."""
-
-    def read(self, address: int, count: int) -> Sequence[int]:
-        """Return `count` 16-bit words from `address` on, or raise RefusedError."""
-        ...
-
-    def write(self, address: int, words: Sequence[int]) -> None:
-        """Store words from `address` on, or raise RefusedError."""
-        ...
-
-
-def crc16(data: bytes) -> int:
-    """Return the CRC of Modbus RTU: polynomial 0xA001 reflected, from 0xFFFF."""
-    crc = 0xFFFF
-    for byte in data:
-        crc ^= byte
-        for _ in range(8):
-            crc = crc >> 1 ^ 0xA001 if crc & 1 else crc >> 1
-    return crc
-
-
-def answer(bank: Bank, pdu: bytes) -> bytes:
-    """Answer one request.
-
-    Parameters
-    ----------
-    bank : Bank
-    pdu : bytes
-        Function code and data, without address and CRC.
-
-    Returns
-    -------
-    bytes
-        The reply's PDU; an exception reply where the request is refused.
-    """
-    function = pdu[0]
-    try:
-        if function in (3, 4):
-            return _answer_read(bank, pdu)
-        if function == 6 and len(pdu) == 5:
-            bank.write(_word(pdu, 1), [_word(pdu, 3)])
-            return pdu
-        if function == 16 and len(pdu) >= 6:
-            return _answer_write(bank, pdu)
-        raise RefusedError(3 if function in (6, 16) else 1)
-    except RefusedError as refusal:
-        return bytes((function | 0x80, refusal.code))
-
-
-def _answer_read(bank: Bank, pdu: bytes) -> bytes:
-    if len(pdu) != 5 or not 1 <= _word(pdu, 3) <= 125:
-        raise RefusedError(3)
-    words = bank.read(_word(pdu, 1), _word(pdu, 3))
-    body = b"".join(word.to_bytes(2, "big") for word in words)
-    return bytes((pdu[0], len(body))) + body
-
-
-def _answer_write(bank: Bank, pdu: bytes) -> bytes:
-    count, size = _word(pdu, 3), pdu[5]
-    if not 1 <= count <= 123 or size != 2 * count or len(pdu) != 6 + size:
-        raise RefusedError(3)
-    bank.write(_word(pdu, 1), [_word(pdu, 6 + 2 * i) for i in range(count)])
-    return pdu[:5]
-
-
-def _word(data: bytes | bytearray, at: int) -> int:
-    return int.from_bytes(data[at : at + 2], "big")
-
-
-def take_rtu(buffer: bytearray, *, idle: bool) -> tuple[int, bytes] | None:
-    """Take one whole RTU request off the front of what was received.
-
-    Parameters
-    ----------
-    buffer : bytearray
-        Received bytes; what is taken, and what cannot begin a frame, is removed.
-    idle : bool
-        The line has been silent longer than a frame may pause.
-
-    Returns
-    -------
-    (int, bytes) or None
-        Unit and PDU; None when more must come first.
-    """
-    while len(buffer) >= 4:
-        function = buffer[1]
-        if 1 <= function <= 6:
-            size = 8
-        elif function in (15, 16):
-            size = 9 + buffer[6] if len(buffer) > 6 else len(buffer) + 1
-        else:  # its length is not known: only the silence after it ends it
-            size = len(buffer) if idle else len(buffer) + 1
-        if size <= len(buffer):
-            frame = bytes(buffer[:size])
-            if crc16(frame[:-2]) == int.from_bytes(frame[-2:], "little"):
-                del buffer[:size]
-                return frame[0], frame[1:-2]
-        elif not idle and size <= 256:
-            return None
-        del buffer[0]  # no frame begins here
-    if idle:
-        buffer.clear()
-    return None
 
 
 class ModbusServer:
@@ -260,7 +146,7 @@ class ModbusServer:
     def _on_tcp(self, buffer: bytearray, send: Callable[[bytes], None], *, idle: bool) -> bool:
         """Answer the whole TCP requests in the buffer; False: the connection is to be closed."""
         while len(buffer) >= 7:
-            protocol, length = _word(buffer, 2), _word(buffer, 4)
+            protocol, length = word_at(buffer, 2), word_at(buffer, 4)
             if protocol != 0 or not 2 <= length <= 254:
                 return False  # out of step for good: there is no way to find the next frame
             if len(buffer) < 6 + length:
@@ -271,7 +157,7 @@ class ModbusServer:
                 continue
 
             def frame(reply: bytes, broken: bool, head: bytes = head, unit: int = unit) -> bytes:
-                number = (_word(head, 0) ^ (0x5A5A if broken else 0)).to_bytes(2, "big")
+                number = (word_at(head, 0) ^ (0x5A5A if broken else 0)).to_bytes(2, "big")
                 size = (len(reply) + 1).to_bytes(2, "big")
                 return number + b"\0\0" + size + bytes((unit,)) + reply
 
@@ -298,7 +184,7 @@ class ModbusServer:
                 return False
         return True
 
-    def _serve_pty(self, pty: "PseudoTerminal") -> None:
+    def _serve_pty(self, pty: PseudoTerminal) -> None:
         buffer = bytearray()
         while not self._stop.is_set():
             idle = not self._readable(pty.fileno(), GAP_S if buffer else None)
@@ -335,61 +221,3 @@ class ModbusServer:
             reply = reply[half:]
         send(reply)
         return True
-
-
-class PseudoTerminal:
-    """A serial line whose far end is a path, as a USB adapter's link in /dev/serial is.
-
-    Parameters
-    ----------
-    path : Path or None
-        The symbolic link to make; None: "chamber" in a new temporary directory.
-    """
-
-    def __init__(self, path: Path | None = None) -> None:
-        self._directory = None if path else tempfile.TemporaryDirectory(prefix="accelbench-")
-        self.path = path or Path(self._directory.name if self._directory else ".") / "chamber"
-        self._ends: tuple[int, int] | None = None
-        self.replace()
-
-    def replace(self) -> None:
-        """Hang up and put a new line under the same path."""
-        old = self._ends
-        ours, theirs = os.openpty()
-        tty.setraw(theirs)
-        os.set_blocking(ours, False)
-        self._ends = (ours, theirs)
-        fresh = self.path.with_name(self.path.name + ".new")
-        fresh.unlink(missing_ok=True)
-        fresh.symlink_to(os.ttyname(theirs))
-        fresh.replace(self.path)  # in one move: the path leads somewhere at every moment
-        for end in old or ():
-            os.close(end)
-
-    def fileno(self) -> int:
-        """Return what to wait on; it changes with `replace`."""
-        if self._ends is None:
-            raise OSError("the line was hung up")
-        return self._ends[0]
-
-    def read(self) -> bytes:
-        """Return what came."""
-        with suppress(BlockingIOError):
-            return os.read(self.fileno(), 4096)
-        return b""
-
-    def write(self, data: bytes) -> None:
-        """Send; what a full line does not take is lost, as it is on a wire without a listener."""
-        if self._ends is not None:
-            with suppress(BlockingIOError):
-                os.write(self._ends[0], data)
-
-    def close(self) -> None:
-        """Hang up for good; harmless when done twice."""
-        ends, self._ends = self._ends, None
-        for end in ends or ():
-            os.close(end)
-        with suppress(OSError):
-            self.path.unlink()
-        if self._directory is not None:
-            self._directory.cleanup()

@@ -16,6 +16,7 @@ from drivers.station import ChamberConfig
 
 MODELS = ("watlow_f4t", "watlow_f4", "eurotherm_3504")
 TRANSPORTS = ("tcp", "rtu", "rtu+tcp")
+PATIENT_S = 2.0  # where no time limit is to run out, however busy the machine
 TIMEOUT_S = 0.08
 LATE_S = 0.12  # after the asker gave up, before the line has been quiet for another time limit
 VERY_LATE_S = 0.3  # after that too
@@ -38,13 +39,17 @@ class Bench:
         self.chamber = self.open()
 
     def open(self, **more) -> Chamber:
-        settings = {"timeout_s": TIMEOUT_S, "baud": 115200} | more
+        settings = {"timeout_s": PATIENT_S, "baud": 115200} | more
         config = ChamberConfig(model=self.model, url=self.emulator.url, **settings)
         self.opened.append(open_chamber(config))
         return self.opened[-1]
 
     def wait(self, seconds: float) -> None:
         self.clock.sleep_until_s(self.clock.now_s() + seconds)
+
+    def reopen(self, **more) -> None:
+        self.chamber.close()
+        self.chamber = self.open(**more)
 
     def close(self) -> None:
         for chamber in self.opened:
@@ -273,21 +278,23 @@ def expect_right_values(bench: Bench, setpoint_c: float, temp_c: float) -> None:
         assert bench.chamber.read_temp_c() == pytest.approx(temp_c, abs=RESOLUTION_C)
 
 
-@pytest.fixture(params=itertools.product(MODELS, TRANSPORTS, (LATE_S, VERY_LATE_S)), ids=str)
+@pytest.fixture(params=itertools.product(MODELS, TRANSPORTS), ids="-".join)
 def apart_bench(request):
     """A chamber on its way, where set point and temperature are far apart."""
-    model, transport, late_s = request.param
-    bench = Bench(model, transport, lag_s=1e9, late_s=late_s)
+    bench = Bench(*request.param, lag_s=1e9)
     bench.chamber.hold_temp_c(60.0)
     yield bench
     bench.close()
 
 
-@pytest.mark.parametrize("kind", sorted(REPLY_KINDS))
+@pytest.mark.parametrize("kind", sorted((*REPLY_KINDS, "very_late_reply")))
 def test_after_every_fault_each_question_gets_its_own_answer(apart_bench, kind):
-    if kind != "late_reply" and apart_bench.faults.late_s == VERY_LATE_S:
-        pytest.skip("lateness plays no part")
-    apart_bench.faults.inject(kind)
+    if kind == "very_late_reply":
+        apart_bench.faults.late_s = VERY_LATE_S
+    if kind not in ("exception", "split_frame"):
+        apart_bench.reopen(timeout_s=TIMEOUT_S)
+    apart_bench.chamber.read_temp_c()  # the line is in step: it is a question that is spoiled
+    apart_bench.faults.inject("late_reply" if kind == "very_late_reply" else kind)
     if kind == "exception":
         with pytest.raises(DeviceError, match="device failure"):
             apart_bench.chamber.read_setpoint_c()
@@ -303,8 +310,8 @@ def test_after_every_fault_each_question_gets_its_own_answer(apart_bench, kind):
 
 @pytest.mark.parametrize("kind", ["silence", "late_reply", "broken_crc", "dropped_connection"])
 def test_without_retries_the_error_is_told_and_the_next_answer_is_right(bench, kind):
-    bench.chamber.close()
-    bench.chamber = bench.open(retries=0)
+    bench.reopen(timeout_s=0.2, retries=0)
+    bench.faults.late_s = 0.3
     bench.chamber.hold_temp_c(60.0)
     bench.faults.inject(kind)
     with pytest.raises((LinkError, ProtocolError)) as caught:
@@ -317,8 +324,9 @@ def test_without_retries_the_error_is_told_and_the_next_answer_is_right(bench, k
 @pytest.mark.parametrize("kind", ["silence", "broken_crc", "dropped_connection", "split_frame"])
 def test_a_ramp_is_started_once_whatever_reply_is_lost(tcp_bench, kind):
     """Spoil each reply of the whole command in turn."""
+    tcp_bench.reopen(timeout_s=TIMEOUT_S, retries=5)
     chamber = tcp_bench.chamber
-    for nth in range(0, 40, 3):
+    for nth in range(0, 40, 5):
         chamber.hold_temp_c(20.0)
         tcp_bench.wait(10.0)
         replies = chamber.counters.exchanges
@@ -378,11 +386,10 @@ def ask_under_random_faults(bench: Bench, questions: int, often: float, seed: in
 def test_under_random_faults_no_value_is_ever_wrong(model, transport, questions):
     bench = Bench(model, transport, lag_s=1e9, late_s=0.04)
     try:
-        bench.chamber.close()
-        bench.chamber = bench.open(timeout_s=0.03)
         bench.chamber.hold_temp_c(60.0)
+        bench.reopen(timeout_s=0.03)
         answered = ask_under_random_faults(bench, questions, 0.15, seed=len(model + transport))
-        assert answered > questions / 2
+        assert answered > questions / 4
     finally:
         bench.close()
 
@@ -392,7 +399,32 @@ def test_under_random_faults_no_value_is_ever_wrong(model, transport, questions)
 def test_under_many_random_faults_no_value_is_ever_wrong(model, transport):
     bench = Bench(model, transport, lag_s=1e9, late_s=0.15)
     try:
+        bench.reopen(timeout_s=0.1)
         bench.chamber.hold_temp_c(60.0)
         assert ask_under_random_faults(bench, 500, 0.2, seed=1) > 250
     finally:
         bench.close()
+
+
+def test_two_masters_on_one_serial_line_are_refused():
+    bench = Bench("watlow_f4", "rtu")
+    try:
+        bench.chamber.read_temp_c()
+        with pytest.raises(LinkError, match="lock"):
+            bench.open(retries=0).read_temp_c()
+    finally:
+        bench.close()
+
+
+def test_an_emulator_does_not_take_the_place_of_a_real_port(tmp_path):
+    port = tmp_path / "ttyUSB0"
+    port.touch()
+    clock = SteppedClock()
+    emulator = ChamberEmulator(
+        "watlow_f4", IdealPlant(), clock, FaultPlan([], "chamber", clock),
+        transport="rtu", path=port,
+    )  # fmt: skip
+    with pytest.raises(ValueError, match="no symbolic link"):
+        emulator.start()
+    emulator.close()
+    assert port.is_file()

@@ -50,16 +50,16 @@ NAME = ("0041", "0043", "0043", "0045", "004c", "0042", "0045", "004e", "0043", 
 
 F4T_HOLD = [
     *ask("40b8", "003d"),  # profile state: none
-    *put("0aea", "003e"),  # ramp action off
     *put("0ade", "0000", "c222"),  # −40.5, low word first
+    *put("0aea", "003e"),  # ramp action off
     *put("0aaa", "000a"),  # automatic
 ]
 F4T_RAMP = [
     *ask("0b04", "0000", "41bc"),  # it is 23.5 °C
     *ask("2c18", "003d"),  # no error at the limit's input
     *ask("40b8", "003d"),
-    *put("0aea", "003e"),
     *put("0ade", "0000", "41bc"),  # start at 23.5
+    *put("0aea", "003e"),
     *put("0aaa", "000a"),
     *put("0aec", "0039"),  # per minute
     *put("0aee", "0000", "3fc0"),  # 1.5
@@ -70,15 +70,15 @@ F4T_SAFE = [
     *ask("40b8", "0095"),  # a profile runs
     *do("40b6", "0094"),  # terminate
     *ask("40b8", "003d"),
-    *put("0aea", "003e"),
     *put("0ade", "0000", "41c8"),  # 25
+    *put("0aea", "003e"),
     *put("0aaa", "000a"),
 ]
 EUROTHERM_HOLD = [
     *ask("144b", "0001"),  # no program runs
     *ask("0114", "0000"),  # local set point
-    *put("004e", "0001"),  # no rate limit
     *put("0002", "fe6b"),  # −40.5
+    *put("004e", "0001"),  # no rate limit
     *put("0111", "0000"),  # automatic
 ]
 EUROTHERM_RAMP = [
@@ -86,8 +86,8 @@ EUROTHERM_RAMP = [
     *ask("004b", "0000"),  # no sensor break
     *ask("144b", "0001"),
     *ask("0114", "0000"),
-    *put("004e", "0001"),
     *put("0002", "00eb"),
+    *put("004e", "0001"),
     *put("0111", "0000"),
     *put("0023", "000f"),  # 1.5 °C/min
     *put("004e", "0000"),  # rate limit in force
@@ -99,8 +99,8 @@ EUROTHERM_SAFE = [
     *ask("144b", "0001"),
     *ask("0114", "0001"),  # a remote set point
     *put("0114", "0000"),
-    *put("004e", "0001"),
     *put("0002", "00fa"),  # 25
+    *put("004e", "0001"),
     *put("0111", "0000"),
 ]
 F4_HOLD = [

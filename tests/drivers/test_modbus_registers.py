@@ -4,7 +4,7 @@ import math
 import struct
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.registers import Register, load_map
@@ -13,6 +13,7 @@ MODELS = ("watlow_f4t", "watlow_f4", "eurotherm_3504")
 orders = st.sampled_from(("low", "high"))
 
 
+@settings(deadline=None)  # how busy the machine is proves nothing
 @given(st.integers(-32768, 32767), st.integers(0, 3))
 def test_scaled_int16_there_and_back(raw, decimals):
     register = Register(address=1, scale="decimals")
@@ -21,6 +22,7 @@ def test_scaled_int16_there_and_back(raw, decimals):
     assert register.decode(words, decimals) == raw / 10**decimals
 
 
+@settings(deadline=None)  # how busy the machine is proves nothing
 @given(st.floats(width=32, allow_nan=False, allow_infinity=False), orders)
 def test_float32_there_and_back(value, order):
     register = Register(address=1, kind="float32", word_order=order)
@@ -30,18 +32,21 @@ def test_float32_there_and_back(value, order):
     assert register.decode(words) == value
 
 
+@settings(deadline=None)  # how busy the machine is proves nothing
 @given(st.integers(-(2**31), 2**31 - 1), orders)
 def test_int32_there_and_back(value, order):
     register = Register(address=1, kind="int32", word_order=order)
     assert register.decode(register.encode(value)) == value
 
 
+@settings(deadline=None)  # how busy the machine is proves nothing
 @given(st.integers(0, 2**32 - 1), orders)
 def test_uint32_there_and_back(value, order):
     register = Register(address=1, kind="uint32", word_order=order)
     assert register.decode(register.encode(value)) == value
 
 
+@settings(deadline=None)  # how busy the machine is proves nothing
 @given(st.floats(-3276.0, 3276.0))
 def test_rounding_stays_inside_the_tolerance(value):
     register = Register(address=1, scale="decimals")

@@ -13,7 +13,7 @@ from drivers.clock import SteppedClock
 from drivers.emulators.chambers import ChamberEmulator
 from drivers.emulators.faults import FaultPlan
 from drivers.emulators.ideal import IdealPlant
-from drivers.emulators.modbus_server import answer, crc16, take_rtu
+from drivers.emulators.modbus_frames import answer, crc16, take_rtu
 
 READ_PV = bytes.fromhex("01 03 0001 0001")
 READ_PV += crc16(READ_PV).to_bytes(2, "little")
