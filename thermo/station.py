@@ -2,6 +2,7 @@
 
 import logging
 import platform
+from collections.abc import Callable
 from collections.abc import Sequence as Many
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -45,6 +46,7 @@ def run_test(
     resume: str | None = None,
     observers: Many[Observer] = (),
     control: RunControl | None = None,
+    before_command: Callable[[str], None] | None = None,
 ) -> TestOutcome:
     """Run a test sequence, or go on with an interrupted one.
 
@@ -66,6 +68,9 @@ def run_test(
     observers : sequence of Observer
     control : RunControl, optional
         The operator's hand.
+    before_command : callable, optional
+        Called with the test's id before the chamber is told anything; what it raises ends the
+        test. The guardian is started here.
 
     Returns
     -------
@@ -79,7 +84,7 @@ def run_test(
         When the test cannot be begun or resumed; nothing was commanded.
     """
     if resume is not None:
-        sequence = _stored_sequence(store, resume, sequence)
+        sequence = stored_sequence(store, resume, sequence)
     if sequence is None:
         raise ValueError("a sequence is needed for a new test")
     plan = make_plan(sequence, station.config)
@@ -92,10 +97,11 @@ def run_test(
             store.claim(resume).release()
             raise
     test = _Test(plan, station, store, clock, Observers(observers), control or RunControl())
-    return test.run(resume)
+    return test.run(resume, before_command)
 
 
-def _stored_sequence(store: Store, test_id: str, given: Sequence | None) -> Sequence:
+def stored_sequence(store: Store, test_id: str, given: Sequence | None = None) -> Sequence:
+    """Return the sequence a test was begun with; another one given is a `StoreError`."""
     stored = parse_sequence(store.test(test_id).sequence_toml, f"test {test_id}")
     if given is not None and given != stored:
         raise StoreError(f"test {test_id}: was begun with another sequence than the one given")
@@ -124,11 +130,11 @@ class _Test:
         self._resumed = False
         self._session: Session | None = None
 
-    def run(self, resume: str | None) -> TestOutcome:
+    def run(self, resume: str | None, before_command: Callable[[str], None] | None) -> TestOutcome:
         end = _End()
         self._test_id, self._resumed = resume or "", resume is not None
         try:
-            self._procedure(resume)
+            self._procedure(resume, before_command or (lambda _: None))
             end.status, end.reason = "finished", "all runs done"
         except EndedError as err:
             end.status, end.reason = err.status, one_line(err)
@@ -146,7 +152,7 @@ class _Test:
 
     # ---- the procedure ----
 
-    def _procedure(self, resume: str | None) -> None:
+    def _procedure(self, resume: str | None, before_command: Callable[[str], None]) -> None:
         station, plan = self._station, self._plan
         identities = station.identify()
         inputs = inputs_of(plan.sequence, station.config)
@@ -175,6 +181,7 @@ class _Test:
             journal.event("begun", f"{plan.runs} runs of {plan.slots} slots")
             point = ResumePoint(run=1)
         if point is not None:
+            before_command(self._test_id)
             self._runs(session, point, pause_first=bool(resume) and point.run > 1)
 
     def _runs(self, session: Session, point: ResumePoint, *, pause_first: bool) -> None:
