@@ -11,6 +11,7 @@ from drivers.errors import DeviceError, InstrumentError, LimitError, LinkError, 
 from drivers.motion import MotionHead, angle_text, parse_error, parse_flag, parse_number
 from drivers.station import HeadConfig
 
+FAULTS_OF_A_CONNECTION = ("dropped_connection", "late_reply")  # they differ with the port
 NO_ERROR = b"0, 451322, NO ERROR DETECTED\r\n"
 VERSION = "ESP301 Version 3.0.1 6/1/99"
 RESOLUTION_DEG = 5.1e-6  # five decimals are sent
@@ -206,7 +207,9 @@ def test_errors_of_another_axis_are_not_this_axis_refusals(pty_head):
 
 
 @pytest.mark.parametrize("kind", sorted(REPLY_KINDS))
-def test_each_fault_is_survived_with_the_right_values(head_bench, kind):
+def test_each_fault_is_survived_with_the_right_values(head_bench, kind, url):
+    if url.startswith("socket") and kind not in FAULTS_OF_A_CONNECTION:
+        pytest.skip("the same on both kinds of port, tried on the pseudo-terminal")
     head = head_bench.open(retries=3, timeout_s=0.2)
     head_bench.faults.late_s = 0.3
     head.move_to_deg(90.0)
@@ -226,7 +229,7 @@ def test_each_fault_is_survived_with_the_right_values(head_bench, kind):
         assert head.counters.reconnects >= 2
 
 
-@pytest.mark.parametrize("kind", sorted(REPLY_KINDS - {"late_reply"}))
+@pytest.mark.parametrize("kind", ["silence", "broken_crc", "dropped_connection"])
 @pytest.mark.parametrize("reply", range(5))
 def test_faults_during_a_move_command(pty_head, kind, reply):
     """The answers of MO?, TB?, TB? to MO, TB? to VA, TB? to PA, one spoiled at a time."""
@@ -290,7 +293,7 @@ def test_a_storm_of_faults_gives_no_wrong_position(pty_head):
     head.move_to_deg(300.0)
     kinds = sorted(REPLY_KINDS)
     right = 0
-    for step in range(25):
+    for step in range(20):
         pty_head.wait(5.0)
         for _ in range(rng.choice([0, 1, 1, 2])):
             pty_head.faults.inject(rng.choice(kinds))
@@ -301,7 +304,7 @@ def test_a_storm_of_faults_gives_no_wrong_position(pty_head):
         else:
             assert position == 5.0 * (step + 1)
             right += 1
-    assert right > 15
+    assert right > 12
 
 
 def test_a_stale_position_before_the_true_one_is_not_taken(scripted):
