@@ -10,7 +10,13 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 
 from drivers.chamber_modbus import ModbusChamber, SafeStep
-from drivers.errors import DeviceError, LimitError, LinkError, ProtocolError
+from drivers.errors import (
+    DeviceError,
+    InstrumentError,
+    LimitError,
+    LinkError,
+    ProtocolError,
+)
 
 log = logging.getLogger(__name__)
 
@@ -112,6 +118,16 @@ class WatlowF4(ModbusChamber):
         number = int(self._get("profile"))
         if not 1 <= number <= PROFILES:
             raise DeviceError(f"{self._name}: created profile {number}, expected 1 to {PROFILES}")
+        try:
+            self._fill_profile(number)
+        except InstrumentError:
+            with suppress(InstrumentError):  # what was half made should not take up memory
+                self._set("profile", number)
+                self._command("action", "delete", repeatable=False)
+            raise
+        return number
+
+    def _fill_profile(self, number: int) -> None:
         self._set("step", 1)
         self._once("insert", self._has_ramp_step)
         # the name goes on last: a profile half made is never taken for a finished one
@@ -119,7 +135,6 @@ class WatlowF4(ModbusChamber):
         self._link.write(address, [ord(c) for c in PROFILE_NAME], what="profile name")
         if self._name_of_profile(number) != PROFILE_NAME:
             raise DeviceError(f"{self._name}: profile {number} did not take its name")
-        return number
 
     def _has_ramp_step(self) -> bool:
         self._set("step", 2)

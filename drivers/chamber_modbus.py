@@ -126,7 +126,20 @@ class ModbusChamber:
         return self._plausible("set point", self._get("working_setpoint"))
 
     def hold_temp_c(self, temp_c: float) -> None:
-        """Go to `temp_c` (°C) as fast as the chamber does, and hold."""
+        """Go to `temp_c` as fast as the chamber does, and hold; what is written is read back.
+
+        Parameters
+        ----------
+        temp_c : float
+            Set point, °C.
+
+        Raises
+        ------
+        LimitError
+            If it is outside the limits; nothing was sent.
+        DeviceError
+            If the controller refused, or holds another value than was written.
+        """
         self._check_temp(temp_c)
         with self._commanding:
             self._leave_profile(temp_c)
@@ -146,6 +159,9 @@ class ModbusChamber:
         ------
         LimitError
             If either is outside its limits; nothing was sent.
+        DeviceError
+            If the controller refused, or holds another value than was written. The chamber then
+            holds the temperature it was at, or its last set point.
         """
         self._check_temp(temp_c)
         self._limits.check_rate(rate_c_per_min)

@@ -9,6 +9,7 @@ unusual length, which a slave that answers in order does only when it has done w
 import logging
 import threading
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Literal
 
 from drivers.devices import LinkCounters
@@ -38,7 +39,7 @@ EXCEPTIONS = {
     10: "gateway path unavailable",
     11: "gateway target does not respond",
 }
-_STILL_WORKING, _BUSY = 5, 6
+_NO_SUCH_FUNCTION, _STILL_WORKING, _BUSY = 1, 5, 6
 _ABSENT = (1, 2)
 
 
@@ -90,6 +91,7 @@ class ModbusLink:
         self._transaction = 0  # goes on over new ports, so that an old reply is known by its number
         self._barriers = 0
         self._sent = False
+        self._single_write = 6
 
     def read(
         self, address: int, count: int, *, what: str = "registers", function: Literal[3, 4] = 3
@@ -133,6 +135,8 @@ class ModbusLink:
     ) -> None:
         """Write registers: one with function 6, several with function 16.
 
+        A controller that does not know function 6 is written to with 16 from then on.
+
         Parameters
         ----------
         address : int
@@ -150,9 +154,16 @@ class ModbusLink:
         LinkError, ProtocolError, RefusalError
             As for `read`.
         """
-        function = 6 if len(words) == 1 else 16
+        function = self._single_write if len(words) == 1 else 16
         question = Question(function, address, len(words), tuple(words), f"write {what}")
-        self._ask(question, repeatable=repeatable)
+        try:
+            self._ask(question, repeatable=repeatable)
+        except RefusalError as refusal:
+            if refusal.code != _NO_SUCH_FUNCTION or function == 16:
+                raise
+            log.warning("%s; using function 16 from now on", refusal)
+            self._single_write = 16
+            self._ask(replace(question, function=16), repeatable=repeatable)
 
     def close(self) -> None:
         """Release the port for good; harmless when done twice."""

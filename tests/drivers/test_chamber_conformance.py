@@ -26,12 +26,21 @@ RESOLUTION_C = 0.051  # of a controller with one decimal, and rounding
 class Bench:
     """An emulated chamber with everything that belongs to it."""
 
-    def __init__(self, model: str, transport: str, *, lag_s: float = 0.0, late_s: float = LATE_S):
+    def __init__(
+        self,
+        model: str,
+        transport: str,
+        *,
+        lag_s: float = 0.0,
+        late_s: float = LATE_S,
+        decimals: int = 1,
+    ) -> None:
+        self.decimals = decimals
         self.clock = SteppedClock(1000.0)
         self.plant = IdealPlant(air_c=23.4, lag_s=lag_s)
         self.faults = FaultPlan([], "chamber", self.clock, late_s=late_s)
         self.emulator = ChamberEmulator(
-            model, self.plant, self.clock, self.faults, transport=transport
+            model, self.plant, self.clock, self.faults, transport=transport, decimals=decimals
         )
         self.emulator.start()
         self.model = model
@@ -39,7 +48,7 @@ class Bench:
         self.chamber = self.open()
 
     def open(self, **more) -> Chamber:
-        settings = {"timeout_s": PATIENT_S, "baud": 115200} | more
+        settings = {"timeout_s": PATIENT_S, "baud": 115200, "decimals": self.decimals} | more
         config = ChamberConfig(model=self.model, url=self.emulator.url, **settings)
         self.opened.append(open_chamber(config))
         return self.opened[-1]
@@ -150,6 +159,31 @@ def test_after_the_ramp_it_holds(tcp_bench):
     tcp_bench.wait(36000.0)
     assert tcp_bench.chamber.read_temp_c() == pytest.approx(30.0, abs=RESOLUTION_C)
     assert tcp_bench.chamber.read_setpoint_c() == pytest.approx(30.0, abs=RESOLUTION_C)
+
+
+@pytest.mark.parametrize("decimals", [0, 1, 2])
+@pytest.mark.parametrize("model", ["watlow_f4", "eurotherm_3504"])
+def test_scaling_goes_by_the_decimals_both_ways(model, decimals):
+    bench = Bench(model, "tcp", decimals=decimals)
+    try:
+        for temp_c in (-40.0, 25.0, 84.0):
+            bench.chamber.hold_temp_c(temp_c)
+            assert bench.chamber.read_temp_c() == temp_c
+            assert bench.plant.air_temp_c(bench.clock.now_s()) == temp_c
+    finally:
+        bench.close()
+
+
+def test_decimals_that_disagree_are_found_out():
+    bench = Bench("watlow_f4", "tcp", decimals=2)
+    try:
+        bench.opened.append(
+            open_chamber(ChamberConfig(model="watlow_f4", url=bench.emulator.url, decimals=1))
+        )
+        with pytest.raises(DeviceError, match="shows 2 decimals, expected 1"):
+            bench.opened[-1].identify()
+    finally:
+        bench.close()
 
 
 @pytest.mark.parametrize("temp_c", [85.1, -55.1, float("nan"), float("inf"), float("-inf")])
@@ -340,6 +374,24 @@ def test_a_ramp_is_started_once_whatever_reply_is_lost(tcp_bench, kind):
         assert chamber.read_setpoint_c() == pytest.approx(25.0, abs=RESOLUTION_C)
     profiles = getattr(tcp_bench.emulator.controller, "profiles", {1: None})
     assert len(profiles) == 1, "the F4's memory does not fill with the same profile"
+
+
+@pytest.mark.parametrize("nth", range(0, 40, 3))
+def test_a_ramp_refused_halfway_leaves_no_rubbish_and_works_the_next_time(nth):
+    bench = Bench("watlow_f4", "tcp")
+    try:
+        spoil_nth_reply(bench.faults, nth, "exception")
+        with pytest.raises(DeviceError, match="device failure"):
+            bench.chamber.ramp_to_c(30.0, 1.0)
+        bench.chamber.ramp_to_c(30.0, 1.0)
+        bench.wait(120.0)
+        assert bench.chamber.read_setpoint_c() == pytest.approx(25.4, abs=RESOLUTION_C)
+        # one may be left, empty: refused after it was made and before its number was learnt
+        profiles = bench.emulator.controller.profiles
+        assert sum(len(steps) > 1 for steps in profiles.values()) == 1
+        assert len(profiles) <= 2
+    finally:
+        bench.close()
 
 
 def spoil_nth_reply(plan: FaultPlan, nth: int, kind: str) -> None:

@@ -160,14 +160,13 @@ class OneReply:
         self.thread.start()
 
     def serve(self, replies) -> None:
-        held = []
+        held = self.held = []
         for reply in replies:
             client, _ = self.listener.accept()
             held.append(client)
             self.heard.append(client.recv(256))
             if reply:
                 client.sendall(reply)
-        self.held = held
 
     def __enter__(self):
         return self
@@ -213,6 +212,16 @@ def test_exceptions_are_told_in_words_and_not_repeated(code, words):
             link.read(100, 1, what="temperature")
         link.close()
     assert link.counters.retries == 0
+
+
+def test_a_controller_without_function_6_is_written_to_with_16():
+    refused = bytes.fromhex("0001 0000 0003 01 86 01")
+    with OneReply(refused + b"") as peer:
+        link = link_to(peer.url, retries=0)
+        with pytest.raises(LinkError):  # the peer answers once only
+            link.write(0x1234, [0x5678])
+        link.close()
+        assert peer.held[0].recv(256) == bytes.fromhex("0002 0000 0009 01 10 1234 0001 02 5678")
 
 
 def test_half_a_reply_is_no_silence():
