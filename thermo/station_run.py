@@ -318,7 +318,9 @@ class Run:
         self._move_head()
         left_s = self._plan.run_s - leg.start_s + self._rest_s
         session.go_to(leg.start_c, "resoak", left_s, stay_s=60 * resoak_min)
-        self._shift_s = self._now_s() - leg.start_s
+        # the head is given its settling time before the first slot as before any other
+        settle_s = self._plan.sequence.sampling.settle_s
+        self._shift_s = self._now_s() + settle_s - leg.start_s
         self._next_leg = segment
         self._mark()
 
