@@ -192,7 +192,7 @@ class ModbusChamber:
 
         Every step is tried even when one before it failed; a pass in which something failed but
         something worked is done once more. Safe to repeat, and needs nothing from an earlier
-        session. Never raises an InstrumentError.
+        link. Never raises an InstrumentError.
 
         Parameters
         ----------
