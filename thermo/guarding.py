@@ -16,7 +16,6 @@ import sqlalchemy as sa
 
 from drivers.errors import LinkError
 from drivers.station import ChamberConfig
-from errormodel.errors import StoreError
 from thermo import guardian
 from thermo.store import Store
 
@@ -76,7 +75,9 @@ class Guardian:
         return self._process.pid
 
     def dismiss(self) -> None:
-        """Tell it that there is nothing left to do; harmless when it is gone."""
+        """Tell it that there is nothing left to do; harmless when it is gone or done twice."""
+        if self._process.returncode is not None:
+            return
         try:
             self._say(guardian.DONE)
         except OSError:
@@ -115,8 +116,8 @@ class Guardian:
         said = self._process.stdout.readline().decode().strip() if ready else "nothing"
         if said != guardian.READY:
             raise LinkError(
-                f"guardian: said {said or 'nothing'!r} in {START_S:g} s, {guardian.READY!r} was "
-                f"expected; without it the chamber is not commanded"
+                f"guardian: said {said or 'nothing'!r}, {guardian.READY!r} was expected in "
+                f"{START_S:g} s; without it the chamber is not commanded"
             )
 
     def _leave(self) -> None:
@@ -183,27 +184,28 @@ def collect_result(store: Store, test_id: str, path: Path) -> bool | None:
     return verified
 
 
-def wait_for_guardian(path: Path, patience_s: float = 60.0) -> None:
-    """Wait until no guardian works for a test any more: two masters would fight for the chamber.
+def wait_for_guardian(chamber: ChamberConfig, patience_s: float = 60.0) -> None:
+    """Wait until no guardian works on a chamber any more: two masters would fight for it.
 
     Raises
     ------
-    StoreError
+    LinkError
         If one still does after `patience_s` real seconds.
     """
-    lock = guardian.lock_path(path)
+    lock = guardian.open_lock(chamber.url)
     give_up_s = time.monotonic() + patience_s
-    while lock.exists():
-        with lock.open("rb") as file:
+    try:
+        while True:
             try:
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except OSError:
                 if time.monotonic() > give_up_s:
-                    raise StoreError(
-                        f"{path}: the guardian still tries to make the chamber safe; "
-                        f"see to the chamber, then resume"
+                    raise LinkError(
+                        f"chamber {chamber.url}: another test runs on it, or a guardian still "
+                        f"tries to make it safe; see to the chamber first"
                     ) from None
+                time.sleep(0.1)
             else:
-                lock.unlink(missing_ok=True)
                 return
-        time.sleep(0.1)
+    finally:
+        os.close(lock)

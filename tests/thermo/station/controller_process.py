@@ -1,0 +1,42 @@
+"""Run or resume a test; every acknowledged reading and every event is told on standard output."""
+
+import sys
+from pathlib import Path
+
+from drivers.clock import ScaledClock
+from drivers.station import StationConfig
+from thermo.station_shell import load_sequence, run_on_station
+
+
+def say(*words: object) -> None:
+    sys.stdout.write(" ".join(map(str, words)) + "\n")
+    sys.stdout.flush()
+
+
+class Teller:
+    def on_reading(self, run, rows):
+        for row in rows:
+            say("ack", run, row.slot, row.attempt, row.serial, repr(row.output))
+
+    def on_progress(self, progress):
+        say("test", progress.test_id)
+
+    def on_event(self, event):
+        say("event", event.kind.replace(" ", "-"))
+
+
+def main() -> None:
+    speed, sequence_path, config_path, store_path, resume = sys.argv[1:6]
+    outcome = run_on_station(
+        None if resume != "-" else load_sequence(sequence_path),
+        StationConfig.model_validate_json(Path(config_path).read_text(encoding="utf-8")),
+        store_path,
+        clock=ScaledClock(float(speed)),
+        resume=None if resume == "-" else resume,
+        observers=[Teller()],
+    )
+    say("outcome", outcome.status, outcome.safe.verified, outcome.reason)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,281 @@
+"""Processes that die: no acknowledged reading is lost, the chamber is made safe every time."""
+
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import threading
+import time
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from drivers.chambers import open_chamber
+from drivers.station import StationConfig
+from thermo.guarding import Guardian, collect_result, result_file, wait_for_guardian
+from thermo.station_shell import load_sequence
+from thermo.store import NewTest, open_store
+
+HERE = Path(__file__).parent
+SPEED = 300.0
+SEQUENCE = """
+name = "kill"
+accelerometers = [{serial = "A", nominal_scale = 1.3}, {serial = "B", nominal_scale = 1.3}]
+[temperature]
+start_c = 23.0
+repeats = 1
+[[temperature.segments]]
+kind = "hold"
+duration_min = 2.0
+[[temperature.segments]]
+kind = "ramp"
+to_c = 25.0
+rate_c_per_min = 1.0
+[[temperature.segments]]
+kind = "hold"
+duration_min = 2.0
+[positions]
+angles_deg = [0.0, 90.0]
+[sampling]
+period_s = 10.0
+[after_gap]
+gap_rule = "resoak"
+resoak_min = 1.0
+"""
+
+
+class Controller:
+    """A controller process and everything it has said."""
+
+    def __init__(self, *args: str) -> None:
+        self.process = subprocess.Popen(
+            [sys.executable, str(HERE / "controller_process.py"), *args],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            text=True,
+        )
+        self.lines: list[str] = []
+        self.spoke = threading.Event()
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    def _read(self) -> None:
+        assert self.process.stdout is not None
+        for line in self.process.stdout:
+            # a line the kill has torn was not said
+            if line.endswith("\n"):
+                self.lines.append(line.strip())
+                self.spoke.set()
+
+    def end(self) -> list[str]:
+        self.process.wait(60)
+        self._reader.join(10)
+        assert self.process.stdout is not None
+        self.process.stdout.close()
+        return self.lines
+
+    def wait_for(self, start: str, patience_s: float = 30) -> None:
+        give_up = time.monotonic() + patience_s
+        while not any(line.startswith(start) for line in self.lines):
+            assert time.monotonic() < give_up, self.lines[-5:]
+            time.sleep(0.005)
+
+
+@contextmanager
+def serving(tmp_path):
+    """An emulated station in a process of its own; yields what a controller has to be told."""
+    sequence = tmp_path / "kill.toml"
+    sequence.write_text(SEQUENCE, encoding="utf-8")
+    load_sequence(sequence)
+    process = subprocess.Popen(
+        [sys.executable, str(HERE / "emulator_process.py"), str(SPEED), str(sequence)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdout is not None
+    assert process.stdin is not None
+    try:
+        line = process.stdout.readline()
+        config = tmp_path / "station.json"
+        config.write_text(line, encoding="utf-8")
+        yield str(SPEED), str(sequence), str(config), str(tmp_path / "store.sqlite")
+    finally:
+        process.stdin.close()
+        process.stdout.close()
+        process.wait(20)
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory):
+    with serving(tmp_path_factory.mktemp("bench")) as served:
+        yield served
+
+
+def setpoint_c(config_path: str) -> float:
+    config = StationConfig.model_validate_json(Path(config_path).read_text(encoding="utf-8"))
+    chamber = open_chamber(config.chamber)
+    try:
+        return chamber.read_setpoint_c()
+    finally:
+        chamber.close()
+
+
+def newest_test(store_path: str) -> str:
+    with open_store(store_path) as store:
+        tests = store.tests()
+    return tests[-1].id if tests else "-"
+
+
+def check_after_kill(bench, test_id: str, lines: list[str], acks: set[tuple[str, ...]]) -> None:
+    _, _, config, store_path = bench
+    path = result_file(store_path, test_id)
+    wait_for_guardian(chamber_config(bench))
+    assert setpoint_c(config) == 25.0
+    with open_store(store_path) as store:
+        if "event approach" in lines or "event segment" in lines:
+            # it had a guardian, and that has seen to the chamber
+            assert json.loads(path.read_text(encoding="utf-8"))["verified"] is True
+        frame = store.readings(test_id)
+    stored = {
+        (str(r.run), str(r.slot), str(r.attempt), str(r.serial), repr(float(r.output)))
+        for r in frame.itertuples()
+    }
+    assert acks <= stored
+
+
+def kill_and_resume(bench, kills: int, seed: int) -> int:
+    """Return how many kills met a running controller."""
+    rng = random.Random(seed)
+    test_id, acks, killed = "-", set(), 0
+    for _ in range(kills):
+        controller = Controller(*bench, test_id)
+        controller.wait_for("event ")
+        # from the first event to beyond the end of what is left of a run
+        time.sleep(rng.uniform(0, 2.0))
+        controller.process.kill()
+        lines = controller.end()
+        if lines[-1].startswith("outcome"):  # it was done before
+            break
+        test_id = newest_test(bench[3])
+        acks |= {tuple(line.split()[1:]) for line in lines if line.startswith("ack ")}
+        check_after_kill(bench, test_id, lines, acks)
+        killed += 1
+    else:
+        lines = Controller(*bench, test_id).end()
+        acks |= {tuple(line.split()[1:]) for line in lines if line.startswith("ack ")}
+    assert lines[-1] == "outcome finished True all runs done", lines[-3:]
+    test_id = newest_test(bench[3])
+    with open_store(bench[3]) as store:
+        assert store.test(test_id).status == "finished"
+        frame = store.readings(test_id)
+        valid = frame[frame.voided == ""]
+        kinds = [event.kind for event in store.events(test_id)]
+    assert not valid.duplicated(["run", "serial", "slot"]).any()
+    assert "guardian: not safe" not in kinds
+    return killed
+
+
+def test_three_kills(bench):
+    kill_and_resume(bench, kills=3, seed=1)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(3000)
+def test_a_hundred_kills(tmp_path_factory):
+    """A hundred kills in all, over as many tests as it takes."""
+    left, seed = 100, 10
+    while left > 0:
+        seed += 1
+        with serving(tmp_path_factory.mktemp("bench")) as bench:
+            left -= kill_and_resume(bench, kills=min(left, 5), seed=seed)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_the_test_safely_however_often_it_comes(bench, number):
+    controller = Controller(*bench, "-")
+    controller.wait_for("event segment")
+    for _ in range(3):
+        controller.process.send_signal(number)
+        time.sleep(0.02)
+    lines = controller.end()
+    assert lines[-1] == f"outcome interrupted True stopped by {signal.Signals(number).name}"
+    assert controller.process.returncode == 0
+    assert setpoint_c(bench[2]) == 25.0
+    with open_store(bench[3]) as store:
+        assert store.test(newest_test(bench[3])).status == "interrupted"
+    assert not result_file(
+        bench[3], newest_test(bench[3])
+    ).exists()  # the guardian had nothing to do
+
+
+# ---- the guardian alone ----
+
+
+def chamber_config(bench):
+    text = Path(bench[2]).read_text(encoding="utf-8")
+    return StationConfig.model_validate_json(text).chamber
+
+
+def hold(config, temp_c: float) -> None:
+    chamber = open_chamber(config)
+    chamber.hold_temp_c(temp_c)
+    chamber.close()
+
+
+def wait_for_file(path: Path) -> dict:
+    give_up = time.monotonic() + 20
+    while not path.exists():
+        assert time.monotonic() < give_up
+        time.sleep(0.02)
+    return json.loads(path.read_text(encoding="utf-8"))
+
+
+def test_a_dismissed_guardian_leaves_the_chamber_alone(bench, tmp_path):
+    config = chamber_config(bench)
+    guardian = Guardian(config, tmp_path / "g.json")
+    hold(config, 40.0)
+    guardian.dismiss()
+    assert setpoint_c(bench[2]) == 40.0
+    assert not (tmp_path / "g.json").exists()
+    wait_for_guardian(config, 0.0)
+    guardian.dismiss()  # harmless
+
+
+def test_a_guardian_is_deaf_to_signals_and_acts_when_it_is_left(bench, tmp_path):
+    config = chamber_config(bench)
+    with Guardian(config, tmp_path / "g.json") as guardian:
+        hold(config, 40.0)
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            os.kill(guardian.pid, number)
+        assert os.getsid(guardian.pid) == guardian.pid
+    result = wait_for_file(tmp_path / "g.json")
+    assert result["verified"] is True
+    assert setpoint_c(bench[2]) == 25.0
+    wait_for_guardian(config)
+
+
+def test_a_guardian_that_cannot_reach_the_chamber_says_so(tmp_path, bench):
+    config = chamber_config(bench).model_copy(update={"url": "modbus+tcp://127.0.0.1:9"})
+    with Guardian(config, tmp_path / "g.json", retry_s=0.0):
+        pass
+    result = wait_for_file(tmp_path / "g.json")
+    assert result["verified"] is False
+    assert result["steps"]
+
+
+def test_what_a_guardian_left_is_entered_once(tmp_path):
+    path = tmp_path / "g.json"
+    text = {"verified": True, "steps": ["held"], "utc": "2026-01-01", "why": "controller gone"}
+    with open_store(tmp_path / "s.sqlite") as store:
+        test_id = store.begin_test(NewTest("t", "", "{}"))
+        assert collect_result(store, test_id, path) is None
+        path.write_text(json.dumps(text), encoding="utf-8")
+        assert collect_result(store, test_id, path) is True
+        assert collect_result(store, test_id, path) is None
+        path.write_text("{torn", encoding="utf-8")
+        assert collect_result(store, test_id, path) is False
+        assert [e.kind for e in store.events(test_id)] == ["guardian", "guardian: not safe"]
