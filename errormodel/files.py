@@ -10,6 +10,8 @@ from errormodel.errors import InputError
 
 Config = TypeVar("Config", bound=BaseModel)
 
+MAX_LINE = 20_000  # characters; the parser takes minutes over a key of 10⁵ parts
+
 
 def read_text(path: Path | str) -> str:
     """Read a UTF-8 text file.
@@ -36,6 +38,11 @@ def parse_toml(text: str, source: Path | str) -> dict[str, Any]:
     InputError
         With the line and column at which it stops being TOML.
     """
+    for number, line in enumerate(text.split("\n"), 1):
+        if len(line) > MAX_LINE:
+            raise InputError(
+                source, f"line {number}", f"{len(line)} characters, expected at most {MAX_LINE}"
+            )
     try:
         return tomllib.loads(text)
     except (tomllib.TOMLDecodeError, ValueError, RecursionError) as err:

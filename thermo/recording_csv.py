@@ -192,6 +192,8 @@ def _parse_in_pieces(
             parts.append(_parse_fast("".join(line for _, line in piece), 0, names, present))
         except ArrowError:
             parts.append(_parse_slowly(path, piece, names, present))
+    if not parts:
+        raise InputError(path, "", "has a header and no readings")
     return arrow.concat_tables(parts)
 
 
