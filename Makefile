@@ -1,6 +1,8 @@
 # `make demo` and `make test` do all the set-up they need; nothing else has to be installed by hand.
 PYTHON ?= python3
 VENV := .venv
+# two test workers on two cores: each computes on one
+export OPENBLAS_NUM_THREADS ?= 1
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 

@@ -193,12 +193,18 @@ def estimate_noise(record: Record, residual: FloatArray, columns: FloatArray) ->
     best = _maximise(evaluate, bounds)
     if best[0] <= none + 1e-3:
         return _white_only(stacked, scale, dof)
-    support = _support(evaluate, best[1], bounds)
+    drifting, evidence = _support(evaluate, best[1], bounds)
+    # Drift or none: equal odds beforehand, moved by how much better drift of any size and
+    # correlation time within the bounds explains the data on average.
+    odds = float(np.exp(min(evidence - none, 50.0)))
+    share = odds / (1.0 + odds)
+    white_alone = _white_only(stacked, scale, dof).noise
+    support = [(share * w, _model(at, s * scale)) for w, at, s in drifting]
+    if share < 0.99:
+        support.append((1.0 - share, white_alone))
     _, white = evaluate(*best[1])
-    return NoiseFit(
-        noise=_model(best[1], white * scale),
-        support=tuple((w, _model(at, s * scale)) for w, at, s in support),
-    )
+    noise = _model(best[1], white * scale) if share > 0.5 else white_alone
+    return NoiseFit(noise=noise, support=tuple(support))
 
 
 def _model(at: tuple[float, float], white: float) -> NoiseModel:
@@ -244,11 +250,12 @@ def _maximise(evaluate: Evaluate, bounds: Bounds) -> tuple[float, tuple[float, f
 
 def _support(
     evaluate: Evaluate, best: tuple[float, float], bounds: Bounds
-) -> list[tuple[float, tuple[float, float], float]]:
+) -> tuple[list[tuple[float, tuple[float, float], float]], float]:
     """Return the noise shapes the data allow on a grid around the best, with their shares.
 
     Along each axis the grid reaches out to where the log-likelihood has dropped by about 4.5
-    (three sigma), or to the bound.
+    (three sigma), or to the bound. The second result is the logarithm of the likelihood averaged
+    over all shapes within the bounds.
     """
     top = evaluate(*best)[0]
 
@@ -269,6 +276,11 @@ def _support(
     axes = [np.linspace(reach(a, -1), reach(a, +1), 7) for a in (0, 1)]
     points = [(float(r), float(t)) for r in axes[0] for t in axes[1]]
     values = [evaluate(*p) for p in points]
-    shares = np.exp(np.array([v[0] for v in values]) - max(v[0] for v in values))
+    highest = max(v[0] for v in values)
+    shares = np.exp(np.array([v[0] for v in values]) - highest)
+    cell = float(np.prod([np.ptp(a) / a.size for a in axes]))
+    whole = float(np.prod([hi - lo for lo, hi in bounds]))
+    evidence = highest + float(np.log(max(shares.sum() * cell / whole, 1e-300)))
     shares /= shares.sum()
-    return [(float(w), p, v[1]) for w, p, v in zip(shares, points, values, strict=True) if w > 1e-3]
+    kept = [(float(w), p, v[1]) for w, p, v in zip(shares, points, values, strict=True) if w > 1e-3]
+    return kept, evidence
