@@ -23,6 +23,7 @@ from thermo.station_safe import clean_up, one_line, safe_json
 from thermo.station_session import Session
 from thermo.station_types import EndedError, Observer, Observers, RunControl, Status, TestOutcome
 from thermo.store import NewTest, Store
+from thermo.uniformity import judge_test
 
 log = logging.getLogger(__name__)
 
@@ -210,6 +211,8 @@ class _Test:
             run.finish()
             self._store.finish_run(self._test_id, number, "finished")
             journal.event("run finished", f"run {number} of {plan.runs}")
+            for verdict in judge_test(plan, self._store.readings(self._test_id, number)):
+                journal.event("ramp", verdict.sentence)
 
     def _approach(self, session: Session, left_s: float) -> None:
         programme = self._plan.sequence.temperature
