@@ -6,6 +6,8 @@ from pathlib import Path
 
 from thermo.importing import import_log
 from thermo.recording import read_runs
+from thermo.sequence import load_sequence
+from thermo.station_shell import load_station
 
 ROOT = Path(__file__).parents[2]
 
@@ -96,6 +98,14 @@ def _log(folder: Path) -> object:
     return import_log(folder / "log.txt", folder / "map.toml")
 
 
+def _sequence(folder: Path) -> object:
+    return load_sequence(folder / "s.toml")
+
+
+def _station(folder: Path) -> object:
+    return load_station(folder / "s.toml")
+
+
 TARGETS: list[Target] = [
     Target("csv", {"run.csv": CSV, "run.toml": SIDECAR}, "run.csv", _runs),
     Target("csv with forces", {"run.csv": FORCES, "run.toml": SIDECAR}, "run.csv", _runs),
@@ -103,4 +113,12 @@ TARGETS: list[Target] = [
     Target("log", {"log.txt": LOG, "map.toml": MAP}, "log.txt", _log),
     Target("log, bad rows flagged", {"log.txt": LOG, "map.toml": FORGIVING}, "log.txt", _log),
     Target("mapping", {"log.txt": LOG, "map.toml": MAP}, "map.toml", _log),
+    *(
+        Target(f"sequence {p.stem}", {"s.toml": p.read_bytes()}, "s.toml", _sequence)
+        for p in sorted((ROOT / "data/sequences").glob("*.toml"))
+    ),
+    *(
+        Target(f"station {p.stem}", {"s.toml": p.read_bytes()}, "s.toml", _station)
+        for p in sorted((ROOT / "data/stations").glob("*.toml"))
+    ),
 ]
