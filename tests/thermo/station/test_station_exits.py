@@ -23,7 +23,6 @@ ERRORS = {
     "Ctrl-C": KeyboardInterrupt(),
     "exit": SystemExit(3),
     "bug": ZeroDivisionError("division by zero"),
-    "memory": MemoryError(),
     "disk full": StoreError("store.sqlite: disk full"),
 }
 

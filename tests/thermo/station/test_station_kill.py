@@ -155,7 +155,7 @@ def kill_and_resume(bench, kills: int, seed: int) -> int:
         controller = Controller(*bench, test_id)
         controller.wait_for("event ")
         # from the first event to beyond the end of what is left of a run
-        time.sleep(rng.uniform(0, 2.0))
+        time.sleep(rng.uniform(0, 1.5))
         controller.process.kill()
         lines = controller.end()
         if lines[-1].startswith("outcome"):  # it was done before
