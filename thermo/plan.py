@@ -15,7 +15,7 @@ from thermo.sequence import Positions, Sequence
 
 CASE_LAG_S = 300.0  # assumed: how slowly an accelerometer's case follows the programme
 HEAD_START_S = 0.5  # assumed: what a head needs to begin and end a move beyond angle/speed
-MAX_SLOTS = 5_000_000  # all runs; a period of 0.1 s for almost six days
+MAX_SLOTS = 2_000_000  # all runs; a period of 0.1 s for more than two days
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -124,11 +124,12 @@ def make_plan(sequence: Sequence, station: StationConfig, source: str = "sequenc
     """
     legs = expand(sequence.temperature)
     period_s = sequence.sampling.period_s
-    slots = int(np.ceil(legs[-1].end_s / period_s - 1e-9))
+    periods = legs[-1].end_s / period_s  # inf where a rate or a period is next to nothing
     runs = sequence.temperature.repeats
-    if slots * runs > MAX_SLOTS:
-        problem = f"{runs} × {slots} slots of {period_s:g} s, at most {MAX_SLOTS} were expected"
+    if periods * runs > MAX_SLOTS:
+        problem = f"{runs} × {periods:.0f} slots of {period_s:g} s, at most {MAX_SLOTS} expected"
         raise InputError(source, "sampling.period_s", problem)
+    slots = int(np.ceil(periods - 1e-9))
     limits = sequence.limits
     chamber_c = limits.chamber_c or station.chamber.limits_c
     low_c, high_c = limits.accelerometer_c or (chamber_c[0] - 10, chamber_c[1] + 10)

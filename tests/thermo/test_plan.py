@@ -100,7 +100,9 @@ def test_a_segment_may_have_positions_of_its_own() -> None:
         ((("270.0", "400.0"),), ("positions.angles_deg", "400", "360")),
         # back from 270° to 0° at 40 °/s: 6.75 + 0.5 s; settling 0.5 s; 4 channels of 37 ms
         ((("period_s = 15.0", "period_s = 7.8"),), ("sampling.period_s", "270°", "7.9 s")),
-        ((("period_s = 15.0", "period_s = 1e-9"),), ("sampling.period_s", "5000000")),
+        ((("period_s = 15.0", "period_s = 1e-9"),), ("sampling.period_s", "2000000")),
+        ((("period_s = 15.0", "period_s = 1e-320"),), ("sampling.period_s", "inf")),
+        ((("rate_c_per_min = 2.0", "rate_c_per_min = 1e-320"),), ("sampling.period_s", "inf")),
         (
             (("[after_gap]", "[limits]\nchamber_c = [-80.0, 50.0]\n[after_gap]"),),
             ("limits.chamber_c", "wider"),
