@@ -1,7 +1,6 @@
 """A sequence and a station made into a plan: every slot with its time, temperature and position."""
 
 from collections import Counter
-from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -221,38 +220,43 @@ def _check_head(plan: Plan, source: str) -> None:
         )
 
 
-def visit_order(positions: Positions, run: int, stream: int = 0) -> Iterator[float]:
-    """Give the angles in the order they are visited, without end.
+def visit_order(positions: Positions, run: int, count: int, stream: int = 0) -> FloatArray:
+    """Return the angles in the order they are visited.
 
     Parameters
     ----------
     positions : Positions
     run, stream : int
         A random order depends on both and on the seed, and on nothing else.
+    count : int
+        How many visits; a longer order begins with a shorter one.
 
-    Yields
-    ------
-    float
+    Returns
+    -------
+    ndarray, shape (count,)
         °; each angle `readings_per_position` times in a row.
     """
-    rng = np.random.default_rng([positions.seed, run, stream])
-    while True:
-        angles = positions.angles_deg
-        if positions.order == "random":
-            angles = tuple(rng.permutation(angles).tolist())
-        for angle in angles:
-            for _ in range(positions.readings_per_position):
-                yield angle
+    angles = np.array(positions.angles_deg, dtype=np.float64)
+    rounds = -(-count // (angles.size * positions.readings_per_position))
+    visits = np.tile(angles, (rounds, 1))
+    if positions.order == "random":
+        rng = np.random.default_rng([positions.seed, run, stream])
+        visits = rng.permuted(visits, axis=1)
+    return np.repeat(visits.ravel(), positions.readings_per_position)[:count]
 
 
 def _positions(
     sequence: Sequence, legs: tuple[Leg, ...], segment: NDArray[np.intp], run: int
 ) -> FloatArray:
-    common = visit_order(sequence.positions, run)
-    own = {
-        leg.index: visit_order(leg.positions, run, leg.index + 1) for leg in legs if leg.positions
-    }
-    return np.array([next(own.get(int(index), common)) for index in segment], dtype=np.float64)
+    """Give every slot its position; segments without positions of their own share one order."""
+    own = {leg.index: leg.positions for leg in legs if leg.positions}
+    shared = ~np.isin(segment, list(own))
+    position_deg = np.empty(segment.size)
+    position_deg[shared] = visit_order(sequence.positions, run, int(shared.sum()))
+    for index, positions in own.items():
+        mine = segment == index
+        position_deg[mine] = visit_order(positions, run, int(mine.sum()), index + 1)
+    return position_deg
 
 
 def coverage(plan: Plan, bin_c: float = 10.0) -> dict[tuple[float, float], int]:
@@ -273,5 +277,7 @@ def coverage(plan: Plan, bin_c: float = 10.0) -> dict[tuple[float, float], int]:
     for number in range(1, plan.runs + 1):
         run = plan.run(number)
         edges = np.floor(run.temp_c / bin_c + 1e-9) * bin_c
-        counts.update(zip(edges.tolist(), run.position_deg.tolist(), strict=True))
+        pairs = np.column_stack([edges, run.position_deg])
+        found, times = np.unique(pairs, axis=0, return_counts=True)
+        counts.update({(e, p): n for (e, p), n in zip(found.tolist(), times.tolist(), strict=True)})
     return dict(counts)

@@ -65,9 +65,11 @@ def test_every_round_visits_every_position(angles: list[float], times: int, seed
     positions = Positions(
         angles_deg=tuple(angles), order="random", seed=seed, readings_per_position=times
     )
-    visits = visit_order(positions, 1)
-    for _ in range(3):
-        one = [next(visits) for _ in range(len(angles) * times)]
+    length = len(angles) * times
+    visits = visit_order(positions, 1, 3 * length + 1).tolist()
+    assert len(visits) == 3 * length + 1
+    for k in range(3):
+        one = visits[k * length : (k + 1) * length]
         assert sorted(one) == sorted(angles * times)
         assert one[::times] == one[times - 1 :: times]  # readings at a position are consecutive
 
@@ -76,11 +78,11 @@ def test_random_order_is_new_each_round_and_run_and_the_same_again() -> None:
     positions = Positions(angles_deg=tuple(float(a) for a in range(12)), order="random", seed=5)
 
     def first(run: int, count: int = 24) -> list[float]:
-        visits = visit_order(positions, run)
-        return [next(visits) for _ in range(count)]
+        return visit_order(positions, run, count).tolist()
 
     assert first(1) == first(1)
     assert first(1)[:12] != first(1)[12:]
+    assert first(1, 30)[:24] == first(1)
     assert first(1) != first(2)
 
 
