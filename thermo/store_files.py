@@ -1,0 +1,113 @@
+"""From a store to recorded-run files, with everything the store itself knows of their meaning."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from drivers.station import StationConfig
+from errormodel.errors import InputError, StoreError
+from thermo.recording import OutputUnit, RecordedRuns, write_runs
+from thermo.sequence import parse_sequence
+from thermo.store import Store, export_test, open_store
+from thermo.store_open import parse_url
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Exported:
+    """One file of an export, and what is in it."""
+
+    path: Path
+    record: RecordedRuns
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Group:
+    """Accelerometers that share unit and nominal scale: a file has one sidecar."""
+
+    output_unit: OutputUnit
+    nominal_scale: float
+    serials: tuple[str, ...]
+
+
+def open_existing_store(url: str | Path) -> Store:
+    """Open a store to read from it; one that is not there is not made.
+
+    Raises
+    ------
+    InputError
+        If there is none.
+    StoreError
+        If it cannot be opened.
+    """
+    parsed = parse_url(url)
+    if parsed.get_backend_name() == "sqlite" and not Path(str(parsed.database)).is_file():
+        raise InputError(str(parsed.database), "", "no such store")
+    return open_store(url)
+
+
+def export_paths(store: Store, test_id: str, path: Path) -> tuple[Path, ...]:
+    """Return the files `export_recorded` would write."""
+    groups = _groups(store, test_id)
+    if len(groups) == 1:
+        return (path,)
+    return tuple(path.with_stem(f"{path.stem}-{k}") for k in range(1, len(groups) + 1))
+
+
+def export_recorded(store: Store, test_id: str, path: Path) -> tuple[Exported, ...]:
+    """Write a test as recorded runs, `PATH` with its sidecar.
+
+    Accelerometers that differ in unit or nominal scale go into files of their own, NAME-1.csv,
+    NAME-2.csv and so on; they can be read together again.
+
+    Parameters
+    ----------
+    store : Store
+    test_id : str
+    path : Path
+        A ``.csv`` or ``.parquet`` file; one that exists is replaced.
+
+    Returns
+    -------
+    tuple of Exported
+
+    Raises
+    ------
+    StoreError
+        If there is no such test or it has no readings.
+    InputError
+        If a file cannot be written.
+    """
+    config = StationConfig.model_validate_json(store.test(test_id).station_json)
+    records = [
+        export_test(
+            store,
+            test_id,
+            None,
+            output_unit=group.output_unit,
+            gravity_m_s2=config.gravity_m_s2,
+            nominal_scale=group.nominal_scale,
+            serials=group.serials,
+        )
+        for group in _groups(store, test_id)
+    ]
+    done: list[Exported] = []
+    for name, record in zip(export_paths(store, test_id, path), records, strict=True):
+        write_runs(record, name)
+        done.append(Exported(path=name, record=record))
+    return tuple(done)
+
+
+def _groups(store: Store, test_id: str) -> Sequence[_Group]:
+    test = store.test(test_id)
+    sequence = parse_sequence(test.sequence_toml, f"test {test_id}")
+    config = StationConfig.model_validate_json(test.station_json)
+    units: dict[str, OutputUnit] = {entry.serial: entry.output_unit for entry in config.inputs}
+    found: dict[tuple[OutputUnit, float], list[str]] = {}
+    for one in sequence.accelerometers:
+        if one.serial not in units:
+            raise StoreError(f"test {test_id}: {one.serial} is not wired in its station")
+        found.setdefault((units[one.serial], one.nominal_scale), []).append(one.serial)
+    return [
+        _Group(output_unit=unit, nominal_scale=scale, serials=tuple(serials))
+        for (unit, scale), serials in found.items()
+    ]

@@ -1,0 +1,111 @@
+"""The command `accelbench`: parses, calls one function, shows what came out.
+
+Exit codes: 0 done; 1 a criterion failed or the work was stopped; 2 misuse or bad input, told in
+one line on standard error, with nothing written.
+"""
+
+import contextlib
+import logging
+import os
+import sys
+import warnings
+from collections.abc import Generator, Sequence
+
+import click
+
+from drivers.errors import InstrumentError
+from errormodel.errors import WorkbenchError
+from workbench.commands_demo import demo
+from workbench.commands_fit import compensate, fit, import_
+from workbench.commands_run import run
+from workbench.commands_store import emulate, export, runs
+from workbench.console import HeldWarnings
+
+DONE, FAILED, MISUSE = 0, 1, 2
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(package_name="accelbench")
+def accelbench() -> None:
+    """Characterise accelerometers over temperature, and compensate them.
+
+    Every command takes --json: one JSON document on standard output and nothing else.
+    """
+
+
+for _command in (demo, run, import_, fit, compensate, emulate, runs, export):
+    accelbench.add_command(_command)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one command.
+
+    Parameters
+    ----------
+    argv : sequence of str, optional
+        Arguments without the program's name; by default those of the process.
+
+    Returns
+    -------
+    int
+        0 done, 1 a criterion failed, 2 misuse or bad input.
+    """
+    for stream in (sys.stdout, sys.stderr):
+        with contextlib.suppress(AttributeError, OSError):
+            stream.reconfigure(errors="backslashreplace")  # type: ignore[union-attr]
+    with _warnings_held() as held:
+        code, complaint = _run(list(sys.argv[1:] if argv is None else argv), held)
+        if code != MISUSE:
+            held.go_live()
+    if complaint:
+        click.echo(f"accelbench: {' '.join(complaint.split())}", err=True)
+    return code
+
+
+def _run(argv: list[str], held: HeldWarnings) -> tuple[int, str]:
+    """Return the exit code, and a complaint when there is one."""
+    try:
+        result = accelbench.main(args=argv, prog_name="accelbench", standalone_mode=False, obj=held)
+        return (result if isinstance(result, int) else DONE), ""
+    except click.exceptions.NoArgsIsHelpError as err:
+        click.echo(err.ctx.get_help() if err.ctx else "", err=True)
+        return MISUSE, ""
+    except click.UsageError as err:
+        where = err.ctx.command_path.removeprefix("accelbench").strip() if err.ctx else ""
+        return MISUSE, ": ".join(part for part in (where, err.format_message()) if part)
+    except (WorkbenchError, InstrumentError) as err:
+        return MISUSE, str(err)
+    except (KeyboardInterrupt, click.Abort):
+        return FAILED, "stopped"
+    except BrokenPipeError:
+        _leave_pipe()
+        return DONE, ""
+    except OSError as err:
+        return MISUSE, f"{err.filename or 'file'}: {err.strerror or err}"
+    except MemoryError:
+        return MISUSE, "input: does not fit into the memory"
+    except Exception as err:
+        if os.environ.get("ACCELBENCH_TRACEBACK"):
+            raise
+        what = f"{type(err).__name__}: {err}"
+        return MISUSE, f"error of the program: {what:.300} (ACCELBENCH_TRACEBACK=1 shows where)"
+
+
+def _leave_pipe() -> None:
+    """Whoever read us has gone: give the interpreter nothing to flush into the broken pipe."""
+    with contextlib.suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+@contextlib.contextmanager
+def _warnings_held() -> Generator[HeldWarnings]:
+    root, held = logging.getLogger(), HeldWarnings()
+    root.addHandler(held)
+    before = warnings.showwarning
+    logging.captureWarnings(True)
+    try:
+        yield held
+    finally:
+        root.removeHandler(held)
+        logging.captureWarnings(False)
+        warnings.showwarning = before

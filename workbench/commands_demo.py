@@ -1,0 +1,94 @@
+"""`accelbench demo`: everything once, on instruments that are not there."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.console import RenderableType
+
+from thermo.findings import find_loop
+from thermo.live import LiveEstimate
+from thermo.plan import make_plan
+from thermo.station_emulated import default_station
+from workbench.commands_run import uniformity_document
+from workbench.console import emit
+from workbench.demo import HIDDEN, DemoResult, demo_sequence, fresh_folder, run_demo
+from workbench.fit_output import fit_document, summary_part
+from workbench.outputs import json_option
+from workbench.progress import ProgressView
+
+DONE, FAILED = 0, 1
+
+
+@click.command()
+@click.option(
+    "--out",
+    type=Path,
+    default=Path("accelbench-demo"),
+    show_default=True,
+    help="A numbered folder is made in it.",
+)
+@click.option(
+    "--speed",
+    type=click.FloatRange(min=0, min_open=True),
+    help="Multiple of real time; as fast as can be if not given.",
+)
+@json_option
+def demo(out: Path, speed: float | None, as_json: bool) -> int:
+    """Do the whole job on emulated instruments: test, fit, compensation, report.
+
+    A chamber controller on TCP, a multimeter and an indexing head on pseudo-terminals, three
+    accelerometers, two runs from −40 to +70 °C and back. One accelerometer hides an effect that
+    no polynomial can hold. In Python: workbench.demo.run_demo.
+    """
+    sequence = demo_sequence()
+    plan = make_plan(sequence, default_station(sequence))
+    folder = fresh_folder(out)
+    live = LiveEstimate({a.serial: a.nominal_scale for a in sequence.accelerometers})
+    with ProgressView(plan.total_s, live) as view:
+        result = run_demo(
+            folder, sequence=sequence, speed=speed, observers=(live, view), tell=view.tell
+        )
+    emit(_document(result), _text(result), as_json=as_json)
+    clean = result.outcome.clean and all(v.passed for v in result.verdicts)
+    return DONE if clean else FAILED
+
+
+def _document(result: DemoResult) -> dict[str, Any]:
+    outcome = result.outcome
+    document: dict[str, Any] = {
+        "folder": str(result.folder),
+        "test_id": outcome.test_id,
+        "status": outcome.status,
+        "reason": outcome.reason,
+        "safe": {"verified": outcome.safe.verified, "steps": list(outcome.safe.steps)},
+        "uniformity": [uniformity_document(v) for v in result.verdicts],
+        "seconds": result.seconds,
+        "hidden": {serial: dict(effects) for serial, effects in HIDDEN.items()},
+        "report": str(result.report) if result.report else None,
+    }
+    if result.model is not None:
+        document["fit"] = fit_document(result.fits, result.model)
+    return document
+
+
+def _text(result: DemoResult) -> Iterator[RenderableType]:
+    outcome = result.outcome
+    if result.model is None or result.report is None:
+        yield f"the test ended early: {outcome.status}, {outcome.reason}"
+        return
+    passed = sum(v.passed for v in result.verdicts)
+    safe = "verified" if outcome.safe.verified else "NOT VERIFIED"
+    yield (
+        f"{outcome.readings} readings in {len(result.fits[0].channel.run_ids)} runs; "
+        f"{passed} of {len(result.verdicts)} ramps uniform; chamber's safe condition {safe}; "
+        f"{result.seconds:.0f} s in all"
+    )
+    yield ""
+    yield from summary_part(result.fits)
+    for one in result.fits:
+        sentence = find_loop(one).sentence
+        if sentence:
+            yield f"{one.serial}: {sentence}."
+    yield f"report: {result.report}"

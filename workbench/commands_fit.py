@@ -1,0 +1,186 @@
+"""`accelbench import`, `fit` and `compensate`: from logs and runs to models and their use."""
+
+from pathlib import Path
+
+import click
+from rich.console import RenderableType
+
+from thermo.atomic import write_files
+from thermo.compensated import CompensatedFile, compensate_files
+from thermo.fitting import fit_runs, read_terms
+from thermo.importing import import_log
+from thermo.modelfile import dump_model, make_model_file
+from thermo.recording import RecordedRuns, read_runs, write_runs
+from workbench.console import emit, number, table
+from workbench.fit_output import fit_document, fit_text
+from workbench.outputs import (
+    RUN_SUFFIXES,
+    checked_output,
+    checked_run_output,
+    force_option,
+    json_option,
+    with_sidecars,
+)
+from workbench.report import REPORT_NAME, ReportExtras, render_report
+
+RUNS = click.argument("files", nargs=-1, required=True, metavar="RUN.csv…")
+
+
+@click.command("import")
+@click.argument("file", type=Path)
+@click.option("--map", "map_file", type=Path, required=True, help="What the log's columns are.")
+@click.option("--out", type=Path, required=True, help="The recorded run to write.")
+@force_option
+@json_option
+def import_(file: Path, map_file: Path, out: Path, force: bool, as_json: bool) -> None:
+    """Make a recorded run of somebody else's log.
+
+    FILE is delimited text; MAP.toml says which columns hold time, temperature and outputs, and in
+    what units. In Python: thermo.importing.import_log.
+    """
+    checked_run_output(out, [file, map_file], force=force)
+    record = import_log(file, map_file)
+    write_runs(record, out)
+    document = {"out": str(out), **recording_document(record)}
+    emit(document, [f"{out}: {recording_text(record)}"], as_json=as_json)
+
+
+@click.command()
+@RUNS
+@click.option("--model", "terms", type=Path, help="TERMS.toml: the terms to fit.")
+@click.option("--holdout", multiple=True, metavar="RUN_ID…", help="Predict these, don't fit them.")
+@click.option("--out", type=Path, help="MODEL.json to write.")
+@click.option("--report", type=Path, help="Folder for the report and its figures.")
+@force_option
+@json_option
+def fit(
+    files: tuple[str, ...],
+    terms: Path | None,
+    holdout: tuple[str, ...],
+    out: Path | None,
+    report: Path | None,
+    force: bool,
+    as_json: bool,
+) -> None:
+    """Fit each accelerometer's error model over temperature.
+
+    Without --model the data choose the terms and the polynomial orders. In Python:
+    thermo.fitting.fit_runs.
+    """
+    paths, wanted = _runs_and_ids(files, holdout)
+    inputs = [*with_sidecars(paths), *([terms] if terms else [])]
+    if out is not None:
+        checked_output(out, inputs, force=force)
+    if report is not None:
+        _check_report(report, force=force)
+    given = read_terms(terms) if terms else None
+    record = read_runs(paths)
+    fits = fit_runs(record, terms=given, holdout=wanted)
+    model = make_model_file(fits)
+    written: list[tuple[Path, bytes]] = []
+    if out is not None:
+        written.append((out, dump_model(model).encode()))
+    if report is not None:
+        title = f"Temperature model of {', '.join(f.serial for f in fits):.80}"
+        pages = render_report(fits, record, title=title, extras=ReportExtras(model=model))
+        written += [(report / name, content) for name, content in pages.items()]
+    write_files(written)
+    document = fit_document(fits, model)
+    text = list(fit_text(fits, model))
+    if out is not None:
+        document["out"] = str(out)
+        text.append(f"model file: {out}")
+    if report is not None:
+        document["report"] = str(report / REPORT_NAME)
+        text.append(f"report: {report / REPORT_NAME}")
+    emit(document, text, as_json=as_json)
+
+
+def _runs_and_ids(
+    files: tuple[str, ...], holdout: tuple[str, ...]
+) -> tuple[list[Path], tuple[str, ...]]:
+    """Sort the arguments: ``--holdout A B`` leaves B among the files, where it is none."""
+    paths, more = list[Path](), list[str]()
+    for name in files:
+        is_file = Path(name).suffix.lower() in RUN_SUFFIXES or Path(name).exists()
+        if holdout and not is_file:
+            more.append(name)
+        else:
+            paths.append(Path(name))
+    return paths, (*holdout, *more)
+
+
+def _check_report(folder: Path, *, force: bool) -> None:
+    if folder.exists() and not folder.is_dir():
+        raise click.UsageError(f"--report {folder}: is a file, expected a folder")
+    if folder.is_dir():
+        checked_output(folder / REPORT_NAME, [], force=force)
+
+
+@click.command()
+@RUNS
+@click.option("--model", type=Path, required=True, help="MODEL.json, as fit writes it.")
+@click.option("--out", type=Path, required=True, help="The compensated recording to write.")
+@force_option
+@json_option
+def compensate(files: tuple[str, ...], model: Path, out: Path, force: bool, as_json: bool) -> None:
+    """Apply a model: adds accel_g and accel_compensated_g to recorded runs.
+
+    Readings at temperatures the model does not cover are flagged outside_range. A recording that
+    is compensated already is refused. In Python: thermo.compensated.compensate_files.
+    """
+    paths = [Path(name) for name in files]
+    checked_run_output(out, [*with_sidecars(paths), model], force=force)
+    done = compensate_files(paths, model, out)
+    emit(_compensated_document(done, out), _compensated_text(done, out), as_json=as_json)
+
+
+def _compensated_document(done: CompensatedFile, out: Path) -> dict[str, object]:
+    return {
+        "out": str(out),
+        "model_id": done.models.model_id,
+        "readings": len(done.runs),
+        "accelerometers": [
+            {
+                "serial": c.serial,
+                "n_samples": c.n,
+                "outside_range": c.outside_range,
+                "error_before_ug": c.error_before_ug,
+                "error_after_ug": c.error_after_ug,
+            }
+            for c in done.channels
+        ],
+    }
+
+
+def _compensated_text(done: CompensatedFile, out: Path) -> list[RenderableType]:
+    names = ("readings", "outside range", "error before µg", "error after µg")
+    made = table("serial", *names, right=names)
+    for c in done.channels:
+        before, after = number(c.error_before_ug), number(c.error_after_ug)
+        made.add_row(c.serial, str(c.n), str(c.outside_range), before, after)
+    unknown = any(c.error_after_ug is None for c in done.channels)
+    note = ["errors are not to be had where the input is not recorded"] if unknown else []
+    return [made, *note, f"{out}: compensated with model {done.models.model_id}"]
+
+
+def recording_document(record: RecordedRuns) -> dict[str, object]:
+    """Return what is worth saying of a recording, for JSON."""
+    return {
+        "runs": list(record.run_ids),
+        "serials": list(record.serials),
+        "readings": len(record),
+        "flagged": int((~record.good).sum()),
+        "input_known": record.has_input,
+        "digests": {run: record.digest(run) for run in record.run_ids},
+    }
+
+
+def recording_text(record: RecordedRuns) -> str:
+    """Say the same in a line."""
+    flagged = int((~record.good).sum())
+    return (
+        f"{len(record)} readings of {', '.join(record.serials):.200} in "
+        f"{len(record.run_ids)} run(s), {flagged} flagged"
+        + ("" if record.has_input else "; the input is not recorded")
+    )

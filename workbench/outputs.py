@@ -1,0 +1,63 @@
+"""Where results may be written: never over an input, and over an old result only when told so."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import click
+
+from errormodel.errors import InputError
+from thermo.recording import sidecar_path
+
+RUN_SUFFIXES = (".csv", ".parquet", ".pq")
+
+
+def checked_run_output(path: Path, inputs: Sequence[Path], *, force: bool) -> None:
+    """Check where a recorded run and its sidecar shall go.
+
+    Raises
+    ------
+    InputError
+        If the name is no recorded run's, or either file may not be written.
+    """
+    if path.suffix.lower() not in RUN_SUFFIXES:
+        raise InputError(path, "--out", "expected a name ending in .csv or .parquet")
+    for one in (path, sidecar_path(path)):
+        checked_output(one, inputs, force=force)
+
+
+def checked_output(path: Path, inputs: Sequence[Path], *, force: bool) -> None:
+    """Check where a file shall go, before anything is computed.
+
+    Parameters
+    ----------
+    path : Path
+    inputs : sequence of Path
+        Files that must not be overwritten even with `force`.
+    force : bool
+        Whether an existing file may be replaced.
+
+    Raises
+    ------
+    InputError
+        If it is an input, exists already, or its folder does not.
+    """
+    taken = {p.resolve() for p in inputs}
+    if path.resolve() in taken:
+        raise InputError(path, "", "is an input; expected another name for the output")
+    if path.is_dir():
+        raise InputError(path, "", "is a folder, expected the name of a file")
+    if path.exists() and not force:
+        raise InputError(path, "", "exists already; give another name, or --force to replace it")
+    if not path.resolve().parent.is_dir():
+        raise InputError(path, "", "its folder does not exist")
+
+
+def with_sidecars(paths: Sequence[Path]) -> list[Path]:
+    """Return recorded runs and the sidecars beside them."""
+    return [q for p in paths for q in (p, sidecar_path(p))]
+
+
+json_option = click.option(
+    "--json", "as_json", is_flag=True, help="Write one JSON document and nothing else."
+)
+force_option = click.option("--force", is_flag=True, help="Replace output files that exist.")
