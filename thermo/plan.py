@@ -276,8 +276,11 @@ def coverage(plan: Plan, bin_c: float = 10.0) -> dict[tuple[float, float], int]:
     counts: Counter[tuple[float, float]] = Counter()
     for number in range(1, plan.runs + 1):
         run = plan.run(number)
-        edges = np.floor(run.temp_c / bin_c + 1e-9) * bin_c
-        pairs = np.column_stack([edges, run.position_deg])
-        found, times = np.unique(pairs, axis=0, return_counts=True)
-        counts.update({(e, p): n for (e, p), n in zip(found.tolist(), times.tolist(), strict=True)})
+        bins = np.floor(run.temp_c / bin_c + 1e-9).astype(np.int64)
+        angles, which = np.unique(run.position_deg, return_inverse=True)
+        lowest = int(bins.min())
+        cells = np.bincount((bins - lowest) * angles.size + which.ravel())
+        for cell in cells.nonzero()[0].tolist():
+            edge, at = divmod(cell, angles.size)
+            counts[(edge + lowest) * bin_c, float(angles[at])] += int(cells[cell])
     return dict(counts)
