@@ -25,6 +25,14 @@ class Compressed:
 
 def compress(products: FloatArray, outputs: FloatArray) -> Compressed:
     """Rotate whitened products (n, P) and outputs (n, m) into a triangle of P rows."""
+    p, m = products.shape[1], outputs.shape[1]
+    if m <= p:  # carrying a few outputs along is cheaper than forming Q
+        joint = np.column_stack([products, outputs])
+        rotated = linalg.qr(joint, mode="r", check_finite=False, overwrite_a=True)[0][: p + m]
+        rest = rotated[p:, p:]
+        return Compressed(
+            triangle=rotated[:p, :p], target=rotated[:p, p:], rest2=np.sum(rest**2, axis=0)
+        )
     q, triangle = linalg.qr(products, mode="economic", check_finite=False)
     target = q.T @ outputs
     rest2 = np.sum((outputs - q @ target) ** 2, axis=0)

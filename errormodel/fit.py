@@ -14,14 +14,15 @@ import numpy as np
 from scipy import linalg, optimize
 
 from errormodel.arrays import FloatArray, freeze, readonly
-from errormodel.compressed import compress, solve_compressed
+from errormodel.compressed import Compressed, compress, solve_compressed
 from errormodel.errors import NotSeparableError
 from errormodel.model import ErrorModel
-from errormodel.noise import NoiseFit, NoiseModel, estimate_noise
+from errormodel.noise import NoiseFit, NoiseModel, correlate, estimate_noise
 from errormodel.record import Record
 from errormodel.separability import Separability, separability
 
 Weighting = Literal["equal", "noise"]
+Support = Sequence[tuple[float, NoiseModel]]
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -112,29 +113,30 @@ def fit(
         If the record has no output or fewer readings than unknowns.
     """
     output = _single_output(model, record)
-    white = NoiseModel(white=1.0)
     values = {**model.start_values(), **(start or {})}
-    _refuse_confounded(model, record, values, before=True)
-    weights = noise if noise and weighting == "noise" else white
-    values = _solve(model, record, output, weights, values)
-    found = _given(noise) if noise else _estimated(model, record, output, values)
+    weights = noise if noise and weighting == "noise" else NoiseModel(white=1.0)
+    values = _solve(model, record, output, weights, values, check=True)
+    columns, residual = _linearised(model, record, output, values)
+    found = _given(noise) if noise else estimate_noise(record, residual, columns)
     if noise is None and weighting == "noise":
         for _ in range(2):
             values = _solve(model, record, output, found.noise, values)
-            found = _estimated(model, record, output, values)
-    _refuse_confounded(model, record, values, before=False)
-    return _result(model, record, output, values, found, weighting)
+            columns, residual = _linearised(model, record, output, values)
+            found = estimate_noise(record, residual, columns)
+    if model.parameters:  # they had no effect to judge while their coefficients were zero
+        _refuse(separability(columns, model.names, _min_shares(model)))
+    return _result(model, values, record, columns, residual, found, weighting)
 
 
 def _given(noise: NoiseModel) -> NoiseFit:
     return NoiseFit(noise=noise, support=((1.0, noise),))
 
 
-def _estimated(
+def _linearised(
     model: ErrorModel, record: Record, output: FloatArray, values: Mapping[str, float]
-) -> NoiseFit:
-    residual = output - model.simulate(record, values)
-    return estimate_noise(record, residual, derivative(model, record, values))
+) -> tuple[FloatArray, FloatArray]:
+    """Return the derivative (n, p) and the residual (n,)."""
+    return derivative(model, record, values), output - model.simulate(record, values)
 
 
 def _single_output(model: ErrorModel, record: Record) -> FloatArray:
@@ -151,25 +153,47 @@ def _solve(
     output: FloatArray,
     noise: NoiseModel,
     values: dict[str, float],
+    *,
+    check: bool = False,
 ) -> dict[str, float]:
-    """Return the least-squares values under a known noise."""
+    """Return the least-squares values under a known noise; refuse what is confounded."""
     names = [c.name for c in model.coefficients]
 
-    def inner(parameters: Mapping[str, float]) -> tuple[dict[str, float], float]:
-        """Return the coefficients and the cost with the nonlinear parameters held."""
-        design, _ = model.design(record, parameters)
-        whitened = noise.whiten(record, np.column_stack([design.products(), output]))
-        coefficients, _, cost = solve_compressed(
-            model, compress(whitened[:, :-1], whitened[:, -1:]), values
-        )
-        return {**parameters, **dict(zip(names, coefficients[0].tolist(), strict=True))}, float(
-            cost[0]
-        )
+    def squeeze(parameters: Mapping[str, float]) -> Compressed:
+        """Return the small problem with the nonlinear parameters held."""
+        products = model.design(record, parameters)[0].products()
+        whitened = noise.whiten(record, np.column_stack([products, output]))
+        return compress(whitened[:, :-1], whitened[:, -1:])
+
+    def inner(data: Compressed) -> tuple[dict[str, float], float]:
+        """Return the coefficients and their cost."""
+        found, _, cost = solve_compressed(model, data, values)
+        return dict(zip(names, found[0].tolist(), strict=True)), float(cost[0])
 
     held = {p.name: values[p.name] for p in model.parameters}
-    if not held:
-        return inner(held)[0]
-    return inner(_best_parameters(model, held, lambda at: inner(at)[1]))[0]
+    data = squeeze(held)
+    if check:
+        _refuse(_examined(model, data, values))
+    if held:
+        held = _best_parameters(model, held, lambda at: inner(squeeze(at))[1])
+        data = squeeze(held)
+    return {**held, **inner(data)[0]}
+
+
+def _examined(model: ErrorModel, data: Compressed, values: Mapping[str, float]) -> Separability:
+    """Judge the coefficients on the small problem: rotations keep every length and angle."""
+    at = np.array([[values[c.name] for c in model.coefficients]])
+    columns = data.triangle @ model.product_weights(at)[1][0]
+    return separability(columns, [c.name for c in model.coefficients], _min_shares(model))
+
+
+def _min_shares(model: ErrorModel) -> list[float]:
+    return [c.min_share for c in model.coefficients] + [1e-6] * len(model.parameters)
+
+
+def _refuse(found: Separability) -> None:
+    if found.confounded:
+        raise NotSeparableError(found.confounded)
 
 
 def _best_parameters(
@@ -220,47 +244,35 @@ def derivative(model: ErrorModel, record: Record, values: Mapping[str, float]) -
 
 def examine(model: ErrorModel, record: Record, values: Mapping[str, float]) -> Separability:
     """Tell what a record can separate of a model; the record needs no output."""
-    shares = [c.min_share for c in model.coefficients] + [1e-6] * len(model.parameters)
-    return separability(derivative(model, record, values), model.names, shares)
-
-
-def _refuse_confounded(
-    model: ErrorModel, record: Record, values: Mapping[str, float], *, before: bool
-) -> None:
-    # A nonlinear parameter has no effect while its coefficient is still zero: judge it afterwards.
-    judged = [c.name for c in model.coefficients] if before else model.names
-    confounded = examine(model, record, values).confounded
-    groups = [group for group in confounded if set(group) <= set(judged)]
-    if groups:
-        raise NotSeparableError(groups)
+    return separability(derivative(model, record, values), model.names, _min_shares(model))
 
 
 def _result(
     model: ErrorModel,
+    values: Mapping[str, float],
     record: Record,
-    output: FloatArray,
-    values: dict[str, float],
+    columns: FloatArray,
+    residual: FloatArray,
     found: NoiseFit,
     weighting: Weighting,
 ) -> ModelFit:
     """Put the result together; the covariance is averaged over the noise the data allow."""
-    columns = derivative(model, record, values)
-    residual = output - model.simulate(record, values)
     norms = np.linalg.norm(columns, axis=0)
     norms = np.where(norms > 0, norms, 1.0)
     scaled = columns / norms
-    shares = np.array([w for w, _ in found.support])
-    law = _equal_covariance if weighting == "equal" else _noise_covariance
-    covs = law(record, scaled, residual, [noise for _, noise in found.support], shares)
+    if weighting == "equal":
+        cov, condition = _equal_covariance(record, scaled, found.support)
+    else:
+        cov, condition = _noise_covariance(record, scaled, residual, found.support)
     return ModelFit(
         model=model,
         names=model.names,
         values=np.array([values[name] for name in model.names]),
-        cov=covs / np.outer(norms, norms),
+        cov=cov / np.outer(norms, norms),
         noise=found.noise,
         rms=float(np.sqrt(np.mean(residual**2))),
         n=len(record),
-        condition=float(np.linalg.cond(scaled)),
+        condition=condition,
     )
 
 
@@ -276,48 +288,46 @@ def expected_covariance(
     """
     columns = derivative(model, record, values)
     norms = np.linalg.norm(columns, axis=0)
-    cov = _equal_covariance(record, columns / norms, columns[:, 0], [noise], np.ones(1))
+    cov, _ = _equal_covariance(record, columns / norms, _given(noise).support)
     return cov / np.outer(norms, norms)
 
 
 def _equal_covariance(
-    record: Record,
-    columns: FloatArray,
-    residual: FloatArray,
-    noises: Sequence[NoiseModel],
-    shares: FloatArray,
-) -> FloatArray:
-    """Return A V Aᵀ with A the least-squares inverse, averaged over the noises."""
-    del residual
+    record: Record, columns: FloatArray, support: Support
+) -> tuple[FloatArray, float]:
+    """Return A V Aᵀ with A the least-squares inverse, averaged over the noises; and a condition."""
     q, r = linalg.qr(columns, mode="economic", check_finite=False)
     inverse = linalg.pinv(r)
-    middle = [
-        w * (q.T @ v.covariance_times(record, q)) for w, v in zip(shares, noises, strict=True)
-    ]
-    return inverse @ (np.sum(middle, axis=0) / shares.sum()) @ inverse.T
+    total = sum(share for share, _ in support)
+    middle = sum(share * noise.white**2 for share, noise in support) / total * np.eye(r.shape[0])
+    by_tau: dict[float, float] = {}
+    for share, noise in support:
+        weight = share / total * noise.drift**2
+        by_tau[noise.drift_tau_s] = by_tau.get(noise.drift_tau_s, 0.0) + weight
+    for tau_s, variance in by_tau.items():
+        if variance > 0.0:
+            middle = middle + variance * (q.T @ correlate(record, tau_s, q))
+    return inverse @ middle @ inverse.T, float(np.linalg.cond(r))
 
 
 def _noise_covariance(
-    record: Record,
-    columns: FloatArray,
-    residual: FloatArray,
-    noises: Sequence[NoiseModel],
-    shares: FloatArray,
-) -> FloatArray:
+    record: Record, columns: FloatArray, residual: FloatArray, support: Support
+) -> tuple[FloatArray, float]:
     """Return (Jᵀ V⁻¹ J)⁻¹ averaged over the noises, with how far the estimate moves with them."""
     joint = np.column_stack([columns, residual])
     steps: list[FloatArray] = []
     covs: list[FloatArray] = []
-    for noise in noises:
+    for _, noise in support:
         whitened = noise.whiten(record, joint)
         q, r = linalg.qr(whitened[:, :-1], mode="economic", check_finite=False)
         inverse = linalg.pinv(r)
         steps.append(inverse @ (q.T @ whitened[:, -1]))
         covs.append(inverse @ inverse.T)
-    share = shares / shares.sum()
+    share = np.array([w for w, _ in support]) / sum(w for w, _ in support)
     apart = np.array(steps) - share @ np.array(steps)
     within = np.einsum("i,ijk->jk", share, np.array(covs))
-    return within + np.einsum("i,ij,ik->jk", share, apart, apart)
+    condition = float(np.linalg.cond(columns))
+    return within + np.einsum("i,ij,ik->jk", share, apart, apart), condition
 
 
 def fit_many(
@@ -352,13 +362,12 @@ def fit_many(
         raise ValueError("the record must have outputs of shape (n, m)")
     shape = noise or NoiseModel(white=1.0)
     start = model.start_values()
-    _refuse_confounded(model, record, start, before=True)
     products = model.design(record, start)[0].products()
     p = products.shape[1]
     whitened = shape.whiten(record, np.column_stack([products, record.output]))
-    values, information, cost = solve_compressed(
-        model, compress(whitened[:, :p], whitened[:, p:]), start
-    )
+    data = compress(whitened[:, :p], whitened[:, p:])
+    _refuse(_examined(model, data, start))
+    values, information, cost = solve_compressed(model, data, start)
     factors = np.sqrt(cost / (len(record) - len(model.names)))
     residual = record.output - products @ model.product_weights(values)[0].T
     rms = np.sqrt(np.mean(residual**2, axis=0))

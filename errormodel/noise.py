@@ -67,6 +67,11 @@ def _correlate(time_s: FloatArray, run: IntArray, tau_s: float, columns: FloatAr
     return out
 
 
+def correlate(record: Record, tau_s: float, columns: FloatArray) -> FloatArray:
+    """Return the drift's correlation matrix times `columns` (n, m), in linear time."""
+    return _correlate(record.time_s, record.run, tau_s, np.ascontiguousarray(columns, dtype=float))
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NoiseModel:
     """White noise of sigma `white` per reading plus drift of sigma `drift`, correlated in time.
@@ -106,8 +111,7 @@ class NoiseModel:
         white = self.white**2 * columns
         if self.drift == 0.0:
             return white
-        data = np.ascontiguousarray(columns, dtype=float)
-        return white + self.drift**2 * _correlate(record.time_s, record.run, self.drift_tau_s, data)
+        return white + self.drift**2 * correlate(record, self.drift_tau_s, columns)
 
     def scaled(self, factor: float) -> "NoiseModel":
         """Return the same shape of noise, `factor` times as large."""
@@ -221,8 +225,11 @@ def _white_only(stacked: FloatArray, scale: float, dof: int) -> NoiseFit:
 
 def _restricted(white: FloatArray, log_det: float, dof: int) -> tuple[float, float]:
     """Return the restricted log-likelihood, profiled over the white sigma, and that sigma."""
-    triangle = linalg.qr(white, mode="r", check_finite=False)[0][: white.shape[1]]
-    diagonal = np.abs(np.diag(triangle))
+    try:  # the columns are of unit length and few: their Gram matrix keeps enough digits
+        diagonal = np.diag(linalg.cholesky(white.T @ white, check_finite=False))
+    except linalg.LinAlgError:
+        triangle = linalg.qr(white, mode="r", check_finite=False)[0][: white.shape[1]]
+        diagonal = np.abs(np.diag(triangle))
     rest, inner = diagonal[-1], diagonal[:-1]
     seen = inner[inner > 1e-9 * inner.max(initial=0.0)]
     sigma2 = max(float(rest) ** 2 / dof, np.finfo(float).tiny)

@@ -52,9 +52,9 @@ def separability(
     norms = np.linalg.norm(columns, axis=0)
     present = norms > 0
     scaled = columns / np.where(present, norms, 1.0)
-    singular = linalg.svdvals(scaled[:, present]) if present.any() else np.ones(1)
-    condition = float(singular[0] / max(singular[-1], 1e-300)) if singular.size else 1.0
     triangle = linalg.qr(scaled, mode="r", check_finite=False)[0][:p]
+    singular = linalg.svdvals(triangle[:, present]) if present.any() else np.ones(1)
+    condition = float(singular[0] / max(singular[-1], 1e-300))
     groups: list[set[str]] = [{names[j]} for j in range(p) if not present[j]]
     seen: list[int] = np.flatnonzero(present).tolist()
     for j in seen:
