@@ -147,7 +147,9 @@ def _signals_to(control: RunControl) -> Generator[None]:
     def handle(number: int, frame: FrameType | None) -> None:
         control.abort(f"stopped by {signal.Signals(number).name}")
 
-    before = {number: signal.signal(number, handle) for number in SIGNALS}
+    # what was ignored before (nohup, a job in the background) is meant to stay so
+    heard = [number for number in SIGNALS if signal.getsignal(number) is not signal.SIG_IGN]
+    before = {number: signal.signal(number, handle) for number in heard}
     try:
         yield
     finally:
