@@ -14,7 +14,7 @@ import numpy as np
 from scipy import linalg, optimize
 
 from errormodel.arrays import FloatArray, freeze, readonly
-from errormodel.compressed import Compressed, compress, solve_compressed
+from errormodel.compressed import Compressed, compress, solve_compressed, triangle_of
 from errormodel.errors import NotSeparableError
 from errormodel.model import ErrorModel
 from errormodel.noise import NoiseFit, NoiseModel, correlate, estimate_noise
@@ -230,9 +230,7 @@ def derivative(model: ErrorModel, record: Record, values: Mapping[str, float]) -
     ndarray, shape (n, p)
         Columns in the order of `model.names`.
     """
-    design, _ = model.design(record, values)
-    at = np.array([[values[c.name] for c in model.coefficients]])
-    columns = [design.products() @ model.product_weights(at)[1][0]]
+    columns = [model.linear_derivative(record, values)]
     for p in model.parameters:
         step = 1e-4 * (p.hi - p.lo)
         lo, hi = max(values[p.name] - step, p.lo), min(values[p.name] + step, p.hi)
@@ -296,18 +294,20 @@ def _equal_covariance(
     record: Record, columns: FloatArray, support: Support
 ) -> tuple[FloatArray, float]:
     """Return A V Aᵀ with A the least-squares inverse, averaged over the noises; and a condition."""
-    q, r = linalg.qr(columns, mode="economic", check_finite=False)
+    r = triangle_of(columns)
     inverse = linalg.pinv(r)
     total = sum(share for share, _ in support)
-    middle = sum(share * noise.white**2 for share, noise in support) / total * np.eye(r.shape[0])
+    cov = sum(s * noise.white**2 for s, noise in support) / total * (inverse @ inverse.T)
     by_tau: dict[float, float] = {}
     for share, noise in support:
         weight = share / total * noise.drift**2
         by_tau[noise.drift_tau_s] = by_tau.get(noise.drift_tau_s, 0.0) + weight
+    solved = inverse @ inverse.T
     for tau_s, variance in by_tau.items():
         if variance > 0.0:
-            middle = middle + variance * (q.T @ correlate(record, tau_s, q))
-    return inverse @ middle @ inverse.T, float(np.linalg.cond(r))
+            spread = columns.T @ correlate(record, tau_s, columns)
+            cov = cov + variance * (solved @ spread @ solved)
+    return cov, float(np.linalg.cond(r))
 
 
 def _noise_covariance(

@@ -35,9 +35,9 @@ class Design:
         The output is linear in these whatever the coefficients: the column of scale k and input j
         stands at ``k·(1 + ni) + j``, with 0 for the 1 before the scale terms and the base.
         """
-        left = np.column_stack([np.ones_like(self.base), self.scale])
-        right = np.column_stack([self.base, self.input])
-        return (left[:, :, None] * right[:, None, :]).reshape(len(self.base), -1)
+        inputs = np.column_stack([self.base, self.input])
+        scaled = [column[:, None] * inputs for column in self.scale.T]
+        return np.hstack([inputs, *scaled])
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,12 +174,26 @@ class ErrorModel:
     ) -> tuple[FloatArray, dict[str, Memory]]:
         """Compute the output and return the memory, to go on from the record's last reading."""
         design, after = self.design(record, values, memory)
+        gain, factor, measured = self._factors(design, values)
+        return gain * factor * measured, after
+
+    def linear_derivative(self, record: Record, values: Values) -> FloatArray:
+        """Compute the derivative of the output by the coefficients, shape (n, their number)."""
+        design, _ = self.design(record, values)
+        gain, factor, measured = self._factors(design, values)
+        by_gain = [(factor * measured)[:, None]] if self.coefficients_in("gain") else []
+        by_scale = (gain * measured)[:, None] * design.scale
+        by_input = (gain * factor)[:, None] * design.input
+        return np.hstack([*by_gain, by_scale, by_input])
+
+    def _factors(self, design: Design, values: Values) -> tuple[float, FloatArray, FloatArray]:
+        """Return the three factors of the output: gain, 1 + Σ scale, base + Σ input."""
         gain, scale, inputs = (
             np.array([values[c.name] for c in self.coefficients_in(place)])
             for place in ("gain", "scale", "input")
         )
-        measured = (1.0 + design.scale @ scale) * (design.base + design.input @ inputs)
-        return (gain[0] if gain.size else 1.0) * measured, after
+        factor = 1.0 + design.scale @ scale
+        return (float(gain[0]) if gain.size else 1.0), factor, design.base + design.input @ inputs
 
     def product_weights(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return what `Design.products` are multiplied by, for m channels at once.

@@ -7,6 +7,7 @@ import numpy as np
 from scipy import linalg
 
 from errormodel.arrays import FloatArray
+from errormodel.compressed import triangle_of
 
 # Partners in a confounded group take part with at least this share of the largest.
 PARTNER_SHARE = 0.2
@@ -52,7 +53,7 @@ def separability(
     norms = np.linalg.norm(columns, axis=0)
     present = norms > 0
     scaled = columns / np.where(present, norms, 1.0)
-    triangle = linalg.qr(scaled, mode="r", check_finite=False)[0][:p]
+    triangle = triangle_of(scaled)
     singular = linalg.svdvals(triangle[:, present]) if present.any() else np.ones(1)
     condition = float(singular[0] / max(singular[-1], 1e-300))
     groups: list[set[str]] = [{names[j]} for j in range(p) if not present[j]]
