@@ -1,6 +1,8 @@
 """A station without wires: devices in memory on the physical twin, and whatever goes wrong."""
 
 import math
+import os
+import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from collections.abc import Sequence as Many
 from dataclasses import dataclass, field
@@ -160,7 +162,14 @@ def station(world: World) -> Station:
 
 @pytest.fixture
 def store(tmp_path: Path) -> Iterator[Store]:
-    with open_store(tmp_path / "store.sqlite") as opened:
+    # in memory where that can be had: every reading and event waits for the disk otherwise, and
+    # what a store survives is tested with the store
+    memory = Path("/dev/shm")
+    where = memory if os.access(memory, os.W_OK) else tmp_path
+    with (
+        tempfile.TemporaryDirectory(dir=where) as folder,
+        open_store(Path(folder) / "store.sqlite") as opened,
+    ):
         yield opened
 
 
