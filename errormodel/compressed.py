@@ -34,7 +34,8 @@ def triangle_of(columns: FloatArray) -> FloatArray:
     held = np.zeros((0, p))
     for begin in range(0, columns.shape[0], BLOCK_ROWS):
         block = np.vstack([held, columns[begin : begin + BLOCK_ROWS]])
-        held = linalg.qr(block, mode="r", check_finite=False, overwrite_a=True)[0][:p]
+        # "raw" zeroes below the diagonal in p rows only, not in the whole block
+        held = linalg.qr(block, mode="raw", check_finite=False, overwrite_a=True)[1][:p]
     return held
 
 
