@@ -5,8 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from errormodel.arrays import FloatArray
 from thermo.fitting import AccelerometerFit
-from thermo.residuals import ResidualSummary, summarise
+from thermo.inputs import COOLING, HEATING
+from thermo.residuals import CELL_C, ResidualSummary
 from thermo.selection import WORTH, OrderTrial
 from thermo.terms import MAX_ORDER
 
@@ -126,12 +128,21 @@ def find_loop(one: AccelerometerFit) -> LoopFinding:
 
 
 def _by_run(one: AccelerometerFit) -> Iterator[tuple[str, float]]:
+    """Yield each run's median; one run has fewer readings in a cell, so that each cell counts."""
     channel = one.channel
+    cell = np.floor(channel.temp_c / CELL_C).astype(np.intp)
+    cell -= cell.min()
     for number, run in enumerate(channel.run_ids):
-        rows = np.flatnonzero(channel.record.run == number)
-        summary = summarise(channel.take(rows), one.residual_ug[rows])
-        if summary.heating_minus_cooling_ug is not None:
-            yield run, summary.heating_minus_cooling_ug
+        means: list[FloatArray] = []
+        for direction in (HEATING, COOLING):
+            mine = (channel.record.run == number) & (channel.direction == direction)
+            count = np.bincount(cell[mine], minlength=int(cell.max()) + 1)
+            total = np.bincount(cell[mine], one.residual_ug[mine], minlength=int(cell.max()) + 1)
+            means.append(np.divide(total, count, out=np.full(count.size, np.nan), where=count > 0))
+        difference = means[0] - means[1]
+        shared = difference[np.isfinite(difference)]
+        if shared.size:
+            yield run, float(np.median(shared))
 
 
 def _loop_sentence(summary: ResidualSummary, median: float, repeats: bool | None) -> str:

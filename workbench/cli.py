@@ -5,6 +5,7 @@ one line on standard error, with nothing written.
 """
 
 import contextlib
+import importlib
 import logging
 import os
 import sys
@@ -15,26 +16,62 @@ import click
 
 from drivers.errors import InstrumentError
 from errormodel.errors import WorkbenchError
-from workbench.commands_demo import demo
-from workbench.commands_fit import compensate, fit, import_
-from workbench.commands_run import run
-from workbench.commands_store import emulate, export, runs
 from workbench.console import HeldWarnings
 
 DONE, FAILED, MISUSE = 0, 1, 2
 
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+# name: module, attribute, what it does; a module is imported when its command is called, because
+# what some need takes seconds to import
+COMMANDS = {
+    "demo": ("commands_demo", "demo", "The whole job on emulated instruments."),
+    "run": ("commands_run", "run", "Run a chamber test sequence."),
+    "runs": ("commands_store", "runs", "List the tests in a store."),
+    "export": ("commands_store", "export", "Write a test of a store as a recorded run."),
+    "import": ("commands_fit", "import_", "Make a recorded run of somebody else's log."),
+    "fit": ("commands_fit", "fit", "Fit each accelerometer's error model over temperature."),
+    "compensate": ("commands_fit", "compensate", "Apply a model to recorded runs."),
+    "emulate": ("commands_store", "emulate", "Serve the instruments of a station file."),
+}
+
+
+class _StoppedError(Exception):
+    """Ctrl-C, without the line that click adds to it."""
+
+
+class _LazyGroup(click.Group):
+    """A group whose commands are imported when they are called."""
+
+    def invoke(self, ctx: click.Context) -> object:
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt:
+            raise _StoppedError from None
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        if cmd_name not in COMMANDS:
+            return None
+        module, attribute, _ = COMMANDS[cmd_name]
+        found = getattr(importlib.import_module(f"workbench.{module}"), attribute)
+        assert isinstance(found, click.Command)
+        return found
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, text) for name, (_, _, text) in COMMANDS.items()])
+
+
+@click.group(cls=_LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(package_name="accelbench")
 def accelbench() -> None:
     """Characterise accelerometers over temperature, and compensate them.
 
-    Every command takes --json: one JSON document on standard output and nothing else.
+    Every command takes --json: one JSON document on standard output and nothing else. Exit codes:
+    0 done, 1 a criterion failed, 2 misuse or bad input.
     """
-
-
-for _command in (demo, run, import_, fit, compensate, emulate, runs, export):
-    accelbench.add_command(_command)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -68,14 +105,14 @@ def _run(argv: list[str], held: HeldWarnings) -> tuple[int, str]:
         result = accelbench.main(args=argv, prog_name="accelbench", standalone_mode=False, obj=held)
         return (result if isinstance(result, int) else DONE), ""
     except click.exceptions.NoArgsIsHelpError as err:
-        click.echo(err.ctx.get_help() if err.ctx else "", err=True)
-        return MISUSE, ""
+        click.echo(err.ctx.get_help() if err.ctx else "")
+        return MISUSE, f"no command given, expected one of {', '.join(COMMANDS)}"
     except click.UsageError as err:
         where = err.ctx.command_path.removeprefix("accelbench").strip() if err.ctx else ""
         return MISUSE, ": ".join(part for part in (where, err.format_message()) if part)
     except (WorkbenchError, InstrumentError) as err:
         return MISUSE, str(err)
-    except (KeyboardInterrupt, click.Abort):
+    except (_StoppedError, KeyboardInterrupt, click.Abort):
         return FAILED, "stopped"
     except BrokenPipeError:
         _leave_pipe()

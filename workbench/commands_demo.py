@@ -11,14 +11,12 @@ from thermo.findings import find_loop
 from thermo.live import LiveEstimate
 from thermo.plan import make_plan
 from thermo.station_emulated import default_station
-from workbench.commands_run import uniformity_document
+from workbench.commands_run import exit_code, uniformity_document
 from workbench.console import emit
 from workbench.demo import HIDDEN, DemoResult, demo_sequence, fresh_folder, run_demo
 from workbench.fit_output import fit_document, summary_part
 from workbench.outputs import json_option
 from workbench.progress import ProgressView
-
-DONE, FAILED = 0, 1
 
 
 @click.command()
@@ -51,8 +49,7 @@ def demo(out: Path, speed: float | None, as_json: bool) -> int:
             folder, sequence=sequence, speed=speed, observers=(live, view), tell=view.tell
         )
     emit(_document(result), _text(result), as_json=as_json)
-    clean = result.outcome.clean and all(v.passed for v in result.verdicts)
-    return DONE if clean else FAILED
+    return exit_code(result.outcome, result.verdicts)
 
 
 def _document(result: DemoResult) -> dict[str, Any]:

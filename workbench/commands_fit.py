@@ -10,10 +10,11 @@ from thermo.compensated import CompensatedFile, compensate_files
 from thermo.fitting import fit_runs, read_terms
 from thermo.importing import import_log
 from thermo.modelfile import dump_model, make_model_file
-from thermo.recording import RecordedRuns, read_runs, write_runs
+from thermo.recording import read_runs, write_runs
 from workbench.console import emit, number, table
 from workbench.fit_output import fit_document, fit_text
 from workbench.outputs import (
+    REPORT_NAME,
     RUN_SUFFIXES,
     checked_output,
     checked_run_output,
@@ -21,7 +22,7 @@ from workbench.outputs import (
     json_option,
     with_sidecars,
 )
-from workbench.report import REPORT_NAME, ReportExtras, render_report
+from workbench.recording_text import recording_document, recording_text
 
 RUNS = click.argument("files", nargs=-1, required=True, metavar="RUN.csv…")
 
@@ -81,6 +82,8 @@ def fit(
     if out is not None:
         written.append((out, dump_model(model).encode()))
     if report is not None:
+        from workbench.report import ReportExtras, render_report  # matplotlib takes its second
+
         title = f"Temperature model of {', '.join(f.serial for f in fits):.80}"
         pages = render_report(fits, record, title=title, extras=ReportExtras(model=model))
         written += [(report / name, content) for name, content in pages.items()]
@@ -162,25 +165,3 @@ def _compensated_text(done: CompensatedFile, out: Path) -> list[RenderableType]:
     unknown = any(c.error_after_ug is None for c in done.channels)
     note = ["errors are not to be had where the input is not recorded"] if unknown else []
     return [made, *note, f"{out}: compensated with model {done.models.model_id}"]
-
-
-def recording_document(record: RecordedRuns) -> dict[str, object]:
-    """Return what is worth saying of a recording, for JSON."""
-    return {
-        "runs": list(record.run_ids),
-        "serials": list(record.serials),
-        "readings": len(record),
-        "flagged": int((~record.good).sum()),
-        "input_known": record.has_input,
-        "digests": {run: record.digest(run) for run in record.run_ids},
-    }
-
-
-def recording_text(record: RecordedRuns) -> str:
-    """Say the same in a line."""
-    flagged = int((~record.good).sum())
-    return (
-        f"{len(record)} readings of {', '.join(record.serials):.200} in "
-        f"{len(record.run_ids)} run(s), {flagged} flagged"
-        + ("" if record.has_input else "; the input is not recorded")
-    )

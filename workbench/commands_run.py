@@ -87,8 +87,13 @@ def run(
     verdicts, exported = _after(job, plan, outcome, out)
     document = _document(outcome, verdicts, exported, store, live)
     emit(document, _text(outcome, verdicts, exported, store), as_json=as_json)
-    passed = outcome.clean and all(v.passed for v in verdicts)
-    return DONE if passed else FAILED
+    return exit_code(outcome, verdicts)
+
+
+def exit_code(outcome: TestOutcome, verdicts: Sequence[RampVerdict]) -> int:
+    """Return 1 when the test or a ramp failed; a ramp too short to be judged has not failed."""
+    uniform = all(v.passed or v.readings == 0 for v in verdicts)
+    return DONE if outcome.clean and uniform else FAILED
 
 
 def _job(

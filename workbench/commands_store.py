@@ -14,9 +14,9 @@ from errormodel.errors import InputError
 from thermo.station_emulated import emulated
 from thermo.station_shell import load_station
 from thermo.store_files import export_paths, export_recorded, open_existing_store
-from workbench.commands_fit import recording_document, recording_text
 from workbench.console import emit, table
 from workbench.outputs import checked_run_output, force_option, json_option
+from workbench.recording_text import recording_document, recording_text
 
 DEFAULT_STORE = "accelbench.sqlite"
 store_option = click.option(

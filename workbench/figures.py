@@ -10,6 +10,7 @@ from thermo.fitting import AccelerometerFit
 from thermo.inputs import Channel
 from thermo.recording import RecordedRuns
 from thermo.residuals import CELL_C
+from workbench.console import number
 from workbench.figures_model import draw_coefficients, draw_orders
 from workbench.plotting import (
     COLOURS,
@@ -117,8 +118,8 @@ def draw_errors(one: AccelerometerFit, name: str) -> Picture:
     handles: dict[str, Any] = {}
     known = "known input" if one.channel.has_input else "mean"
     titles = (
-        (one.raw_ug, f"as measured, constants only: {one.raw.rms_ug:.4g} µg rms"),
-        (one.residual_ug, f"compensated: {one.summary.rms_ug:.4g} µg rms"),
+        (one.raw_ug, f"as measured, constants only: {number(one.raw.rms_ug)} µg rms"),
+        (one.residual_ug, f"compensated: {number(one.summary.rms_ug)} µg rms"),
     )
     # as measured, each position is a branch of its own: a mean over them would say nothing
     fanned = bool(one.summary.by_position)
@@ -243,7 +244,9 @@ def _draw_loop(axes: Any, one: AccelerometerFit) -> None:
     median = one.summary.heating_minus_cooling_ug or 0.0
     axes.axhline(median / divisor, color=COLOURS[0], linestyle="--", linewidth=1.2)
     axes.axhline(0.0, color=COLOURS[0], linewidth=0.8)
-    axes.set_title(f"heating minus cooling, median {median / divisor:.3g} {unit}", fontsize=10)
+    axes.set_title(
+        f"heating minus cooling, median {number(median / divisor, 3)} {unit}", fontsize=10
+    )
     axes.set_ylabel(f"difference of residuals, {unit}", fontsize=9)
 
 

@@ -65,15 +65,23 @@ def _draw_one(
             markersize=4.5,
             capsize=3.0,
         )
-    few = len(fits) <= 6
+    axes.ticklabel_format(style="plain", axis="y", useOffset=False)
     labels = [f.serial if len(f.serial) <= 10 else f"…{f.serial[-9:]}" for f in fits]
     axes.set_xlim(-0.5, len(fits) - 0.5)
-    axes.set_xticks(range(len(fits)), [text_of(t) for t in labels], rotation=30 if few else 90)
+    axes.set_xticks(range(len(fits)), [text_of(t) for t in labels], rotation=_slant(labels))
     title = "k1 less nominal" if name == "k1" else name
     dress(axes, title=f"{title}, {unit}")
     axes.axhline(0.0, color="#BBBBBB", linewidth=0.8, zorder=0)
     axes.tick_params(labelsize=7)
     axes.margins(y=0.2)
+
+
+def _slant(labels: Sequence[str]) -> float:
+    """Return the angle at which labels side by side do not run into each other, °."""
+    room = 24 / max(len(labels), 1)  # characters
+    if max(len(t) for t in labels) <= room:
+        return 0.0
+    return 30.0 if len(labels) <= 6 else 90.0
 
 
 def draw_orders(fits: Sequence[AccelerometerFit]) -> Picture:

@@ -8,6 +8,7 @@ import click
 from errormodel.errors import InputError
 from thermo.recording import sidecar_path
 
+REPORT_NAME = "report.html"
 RUN_SUFFIXES = (".csv", ".parquet", ".pq")
 
 

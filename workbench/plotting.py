@@ -54,7 +54,8 @@ def picture(figure: Any, name: str, caption: str) -> Picture:
     with warnings.catch_warnings():
         # a serial number in a script the font lacks is shown as boxes; that is no fault of the run
         warnings.filterwarnings("ignore", message="Glyph .* missing")
-        figure.savefig(buffer, format="png", metadata={"Software": None})
+        # not savefig: that draws everything twice
+        figure.canvas.print_png(buffer, metadata={"Software": None})
     figure.clear()
     return Picture(name=name, caption=caption, png=buffer.getvalue())
 

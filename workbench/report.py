@@ -17,9 +17,9 @@ from thermo.recording import RecordedRuns
 from workbench.console import micro_g, number
 from workbench.figures import MAX_ACCELEROMETERS, pictures
 from workbench.fit_output import sentences, value_and_sigma
+from workbench.outputs import REPORT_NAME
 from workbench.plotting import Picture
 
-REPORT_NAME = "report.html"
 SOFTWARE = ("accelbench", "numpy", "scipy", "pandas", "matplotlib")
 CONVENTIONS = (
     "Specific force of a body at rest points up with magnitude g; a is in local g.",
