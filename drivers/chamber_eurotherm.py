@@ -12,15 +12,22 @@ class Eurotherm3504(ModbusChamber):
     """A chamber under a Eurotherm 3504, loop 1.
 
     With the rate limit in force the working set point moves from where it stands to the target.
-    With the limit disabled it jumps to the target at once.
+    With the limit disabled, or 0, it jumps to the target at once.
     """
+
+    def _working_setpoint(self) -> float | None:
+        return self._get("working_setpoint")
 
     def _hold(self, temp_c: float) -> None:
         self._local()
         # the set point first: without the rate limit it would jump to the target of the old ramp
         self._set("setpoint", temp_c)
-        self._set("ramp_disable", "no_ramp")
+        self._ramp_off()
         self._set("control_mode", "auto")
+
+    def _ramp_off(self) -> str:
+        """Take the rate limit away both ways there are: a rate of 0, and the switch if fitted."""
+        return f"{self._set('ramp_rate', 0.0)}, {self._set('ramp_disable', 'no_ramp')}"
 
     def _ramp(self, start_c: float, temp_c: float, rate_c_per_min: float) -> None:
         self._set("ramp_rate", rate_c_per_min)
@@ -55,7 +62,7 @@ class Eurotherm3504(ModbusChamber):
 
     def _status(self) -> list[str]:
         """Return the names of the status bits that are set."""
-        bits = int(self._get("status"))
+        bits = int(self._get_optional("status") or 0)
         return [name for name, bit in self._map["status"].values.items() if bits & bit]
 
     def _sensor_fault(self) -> str:
@@ -72,6 +79,7 @@ class Eurotherm3504(ModbusChamber):
             ("end program", self._end_program),
             ("local set point", self._local),
             ("set point", lambda: self._set_safe_temp(temp_c)),
-            ("ramp off", lambda: self._set("ramp_disable", "no_ramp")),
+            ("ramp off", self._ramp_off),
             ("automatic", lambda: self._set("control_mode", "auto")),
+            ("loop", lambda: self._await_setpoint(temp_c)),
         )

@@ -43,6 +43,9 @@ class WatlowF4(ModbusChamber):
         value = self._get("profile_setpoint" if running else "setpoint")
         return self._plausible("set point", value)
 
+    def _working_setpoint(self) -> float | None:
+        return None  # outside of profiles the sources know the static set point only
+
     def _hold(self, temp_c: float) -> None:
         self._set("setpoint", temp_c)
 

@@ -15,6 +15,21 @@ class WatlowF4T(ModbusChamber):
     static set point at the ramp rate. It stands at the static set point when there is no ramp.
     """
 
+    def read_setpoint_c(self) -> float:
+        """Read the set point the loop follows now, °C.
+
+        Raises
+        ------
+        DeviceError
+            Also where the register of it is missing and a ramp may be moving it.
+        """
+        if self._working_setpoint() is None and self._state("ramp_action") in ("off", "startup"):
+            return self._plausible("set point", self._get("setpoint"))
+        return super().read_setpoint_c()
+
+    def _working_setpoint(self) -> float | None:
+        return self._get_optional("working_setpoint")
+
     def _hold(self, temp_c: float) -> None:
         # the set point first: with the ramp off it would jump to the target of the old ramp
         self._set("setpoint", temp_c)
@@ -71,4 +86,5 @@ class WatlowF4T(ModbusChamber):
             ("set point", lambda: self._set_safe_temp(temp_c)),
             ("ramp off", lambda: self._set("ramp_action", "off")),
             ("automatic", lambda: self._set("control_mode", "auto")),
+            ("loop", lambda: self._await_setpoint(temp_c)),
         )

@@ -6,22 +6,24 @@ set. Here stand the limits, the reading back of everything written, and the way 
 
 import logging
 import threading
+import time
 from collections.abc import Callable, Mapping, Sequence
 
 from drivers.chamber_limits import ChamberLimits
+from drivers.chamber_registers import ControllerRegisters
 from drivers.devices import LinkCounters, Range, SafeResult
-from drivers.errors import DeviceError, InstrumentError, LimitError
-from drivers.modbus_link import ModbusLink, RefusalError
-from drivers.registers import Register, load_map
+from drivers.errors import DeviceError, InstrumentError
 from drivers.station import ChamberConfig
 
 log = logging.getLogger(__name__)
 
 OVER_TEMPERATURE_MARGIN_C = 5.0  # an overshoot is less than this, a runaway soon more
+FOLLOW_S = 1.5  # real: a few control cycles, in which the loop takes up a new set point
+CYCLE_S = 0.05  # real: between two looks at it
 SafeStep = tuple[str, Callable[[], str]]
 
 
-class ModbusChamber:
+class ModbusChamber(ControllerRegisters):
     """A chamber with one temperature loop behind Modbus; the models derive from it.
 
     Parameters
@@ -38,13 +40,9 @@ class ModbusChamber:
     """
 
     def __init__(self, config: ChamberConfig, *, name: str = "chamber") -> None:
-        self._map = load_map(config.model)
-        self._config = config
-        self._name = name
-        self._link = ModbusLink(config, name=name, barrier=self._map.barrier)
+        super().__init__(config, name=name)
         self._limits = ChamberLimits(config, self._map, name=name)
         self._commanding = threading.RLock()  # making safe must not be undone by a ramp half set
-        self._absent: set[str] = set()  # optional registers this controller does not have
 
     # ---- what a Device is
 
@@ -93,6 +91,11 @@ class ModbusChamber:
             self._limits.narrow(lo, hi)
         temp_c = self._plausible("temperature", self._get("temperature"))
         limits = self.limits_c
+        if self._config.safe_temp_c not in limits:
+            raise DeviceError(
+                f"{self._name}: the safe temperature {self._config.safe_temp_c:g} °C is outside "
+                f"{limits.lo:g} to {limits.hi:g} °C, all that the controller takes"
+            )
         return f"{self._map.title}, {temp_c:g} °C, set points {limits.lo:g} to {limits.hi:g} °C"
 
     def read_settings(self) -> Mapping[str, str | float]:
@@ -123,7 +126,10 @@ class ModbusChamber:
 
     def read_setpoint_c(self) -> float:
         """Read the set point the loop follows now, °C."""
-        return self._plausible("set point", self._get("working_setpoint"))
+        value_c = self._working_setpoint()
+        if value_c is None:
+            raise DeviceError(f"{self._name}: no register here tells the set point in force")
+        return self._plausible("set point", value_c)
 
     def hold_temp_c(self, temp_c: float) -> None:
         """Go to `temp_c` as fast as the chamber does, and hold; what is written is read back.
@@ -171,6 +177,10 @@ class ModbusChamber:
             start_c = min(max(present_c, self.limits_c.lo), self.limits_c.hi)
             self._leave_profile(start_c)
             self._hold(start_c)
+            try:
+                self._await_setpoint(start_c)
+            except DeviceError as failure:
+                log.warning("%s; the ramp may begin elsewhere than at %g °C", failure, start_c)
             self._ramp(start_c, temp_c, rate_c_per_min)
 
     def read_alarms(self) -> tuple[str, ...]:
@@ -191,8 +201,9 @@ class ModbusChamber:
         """End any ramp or profile, hold `temp_c`, and verify both by reading back.
 
         Every step is tried even when one before it failed; a pass in which something failed but
-        something worked is done once more. Safe to repeat, and needs nothing from an earlier
-        link. Never raises an InstrumentError.
+        something worked is done once more. Where the controller tells the set point in force, it
+        is given 1.5 s to become the one written. Safe to repeat, and needs nothing from an
+        earlier link. Never raises an InstrumentError.
 
         Parameters
         ----------
@@ -205,6 +216,7 @@ class ModbusChamber:
         """
         log.warning("%s: making safe at %g °C", self._name, temp_c)
         with self._commanding:
+            self._forget_missing()  # nothing believed to be missing is passed over here
             verified, worked, lines = self._safe_pass(temp_c)
             if not verified and worked:
                 verified, _, again = self._safe_pass(temp_c)
@@ -225,6 +237,10 @@ class ModbusChamber:
 
     def _leave_profile(self, next_c: float) -> None:
         """End a profile or program that somebody started; `next_c` is where the loop goes then."""
+        raise NotImplementedError
+
+    def _working_setpoint(self) -> float | None:
+        """Return the set point in force, °C; None where no register tells it."""
         raise NotImplementedError
 
     def _sensor_fault(self) -> str:
@@ -252,58 +268,7 @@ class ModbusChamber:
         if settings.get("display_units") == "fahrenheit":
             log.warning("%s: the display is in °F; check that Modbus is in °C", self._name)
 
-    # ---- tools for the models
-
-    def _get(self, name: str) -> float:
-        register = self._map[name]
-        words = self._link.read(register.address, register.count, what=name)
-        return register.decode(words, self._config.decimals)
-
-    def _get_optional(self, name: str) -> float | None:
-        """Read a register that not every controller has; None when it says it has not."""
-        if name in self._absent:
-            return None
-        try:
-            return self._get(name)
-        except RefusalError as refusal:
-            if not (refusal.absent and self._map[name].optional):
-                raise
-            log.info("%s: no register %s", self._name, name)
-            self._absent.add(name)
-            return None
-
-    def _state(self, name: str) -> str:
-        """Read an enumerated register by name."""
-        return self._map[name].name_of(self._get(name))
-
-    def _set(self, name: str, value: float | str) -> str:
-        """Write a register and compare what it then holds; return what was read back."""
-        register = self._map[name]
-        number = float(register.values[value]) if isinstance(value, str) else value
-        self._link.write(register.address, self._encode(name, number), what=name)
-        back = self._get(name)
-        if not abs(back - number) <= register.tolerance(self._config.decimals):
-            raise DeviceError(
-                f"{self._name}: wrote {name} = {self._text(register, number)}, "
-                f"read back {self._text(register, back)}"
-            )
-        return f"{name} = {self._text(register, back)}"
-
-    def _command(self, name: str, value: str, *, repeatable: bool) -> None:
-        """Write a register that acts and holds nothing to read back."""
-        register = self._map[name]
-        words = self._encode(name, register.values[value])
-        self._link.write(register.address, words, what=f"{name} {value}", repeatable=repeatable)
-
-    def _encode(self, name: str, number: float) -> tuple[int, ...]:
-        try:
-            return self._map[name].encode(number, self._config.decimals)
-        except ValueError as error:
-            raise LimitError(f"{self._name}: {name}: {error}, nothing was sent") from None
-
-    @staticmethod
-    def _text(register: Register, number: float) -> str:
-        return register.name_of(number) if register.values else f"{number:g}"
+    # ---- parts of the above
 
     def _plausible(self, what: str, value: float) -> float:
         lo, hi = self._map.plausible_c
@@ -334,3 +299,30 @@ class ModbusChamber:
         """Write the safe set point, which must be inside the limits like any other."""
         self._check_temp(temp_c)
         return self._set("setpoint", temp_c)
+
+    def _await_setpoint(self, temp_c: float) -> str:
+        """Wait until the loop goes by a set point, which no ramp, program or remote one overrides.
+
+        A controller takes up what was written in its next cycle, some tenths of a second later.
+
+        Returns
+        -------
+        str
+            The set point in force, in words.
+
+        Raises
+        ------
+        DeviceError
+            If it is still another after 1.5 s.
+        """
+        near_c = 2 * self._map["setpoint"].tolerance(self._config.decimals)
+        give_up_s = time.monotonic() + FOLLOW_S
+        while (force_c := self._working_setpoint()) is not None:
+            if abs(force_c - temp_c) <= near_c:
+                return f"goes by {force_c:g} °C"
+            if time.monotonic() > give_up_s:
+                raise DeviceError(
+                    f"{self._name}: the loop goes by {force_c:g} °C, expected {temp_c:g} °C"
+                )
+            time.sleep(CYCLE_S)
+        return "not told here"

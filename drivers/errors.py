@@ -6,7 +6,7 @@
     ├── LimitError       a set point outside the injected limits; nothing was sent
     ├── LinkError        no usable answer: silence, a lost connection; the link was dropped
     ├── ProtocolError    an answer that is not the answer to the question; the link was dropped
-    └── DeviceError      a well-formed answer that says no: exception code, error queue, sensor break
+    └── DeviceError      a well-formed answer that says no: exception code, error, sensor break
 """
 
 

@@ -314,4 +314,7 @@ def check_reply(request: bytes, reply: bytes, *, rtu: bool) -> None:
             if reply[-2:] != crc:
                 raise BadReplyError(f"CRC {reply[-2:].hex()} is wrong, expected {crc.hex()}")
         return
+    said = reply[head - 1 : head]
+    if said not in (b"", unit):
+        raise BadReplyError(f"unit {said[0]} answered, expected {unit[0]}")
     raise BadReplyError(f"{reply[:16].hex(' ')} is no answer to {request[:16].hex(' ')}")

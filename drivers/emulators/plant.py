@@ -6,8 +6,11 @@ from typing import Protocol
 class Plant(Protocol):
     """Chamber, head and accelerometers as physical things in one emulated time.
 
-    Times are seconds of the emulation's clock and never run backwards between calls. Thread-safe:
-    three emulated instruments ask it at once.
+    Times are seconds of the emulation's clock. Commands and states (temperature, angle, moving)
+    are given with the present; `channel_value` is also asked for moments still to come, at most
+    the length of a scan ahead, since an emulated scan is computed at once. So the time of a call
+    may lie a little before that of the call before it; a plant must answer that too, and may do so
+    with what it already computed. Thread-safe: three emulated instruments ask it at once.
     """
 
     def drive_chamber(
@@ -44,5 +47,5 @@ class Plant(Protocol):
         ...
 
     def channel_value(self, now_s: float, channel: int) -> float:
-        """What the digitiser measures on a channel: V or ohm, meter noise included."""
+        """Return what the digitiser measures on a channel: V or ohm, meter noise included."""
         ...

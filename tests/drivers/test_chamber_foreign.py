@@ -33,15 +33,27 @@ PREFILLED = {
 }  # fmt: skip
 
 
+WORKING = {2782: 2810, 2: 5}  # what the loop goes by follows the set point where it is written
+
+
+async def follow(function, start, address, count, registers, values) -> None:
+    """Do on a write what is all that these loops do."""
+    if values and address in WORKING:
+        at = WORKING[address] - start
+        registers[at : at + count] = values
+
+
 class ForeignServer:
     """pymodbus's server in a thread of its own."""
 
-    def __init__(self, registers: dict[int, list[int]], framer: FramerType) -> None:
+    def __init__(self, registers: dict[int, list[int]], framer: FramerType, action=follow) -> None:
         values = [0] * 20000
         for address, words in registers.items():
             values[address : address + len(words)] = words
         self.device = SimDevice(
-            id=1, simdata=[SimData(0, values=values, datatype=DataType.REGISTERS)]
+            id=1,
+            simdata=[SimData(0, values=values, datatype=DataType.REGISTERS)],
+            action=action,
         )
         self.framer = framer
         self.started = threading.Event()
@@ -107,6 +119,21 @@ def test_ramps_where_registers_alone_make_a_ramp(chamber):
         chamber.ramp_to_c(30.0, 1.0)
         assert chamber.read_settings()["ramp_rate"] == 1.0
     assert chamber.make_safe(25.0).verified
+
+
+@pytest.mark.parametrize("model", ["watlow_f4t", "eurotherm_3504"])
+def test_a_loop_that_goes_by_another_set_point_is_not_safe(model):
+    """Every register takes what it is told, and the loop goes on elsewhere all the same."""
+    server = ForeignServer(PREFILLED[model], FramerType.SOCKET, action=None)
+    url = f"modbus+tcp://127.0.0.1:{server.port}"
+    chamber = open_chamber(ChamberConfig(model=model, url=url))
+    try:
+        result = chamber.make_safe(25.0)
+        assert not result.verified
+        assert "goes by 23 °C, expected 25 °C" in result.steps[-1]
+    finally:
+        chamber.close()
+        server.close()
 
 
 def test_a_server_of_zeros_is_not_taken_for_a_chamber_that_obeys():

@@ -61,6 +61,7 @@ F4T_RAMP = [
     *put("0ade", "0000", "41bc"),  # start at 23.5
     *put("0aea", "003e"),
     *put("0aaa", "000a"),
+    *ask("0afa", "0000", "41bc"),  # the set point in force has come there
     *put("0aec", "0039"),  # per minute
     *put("0aee", "0000", "3fc0"),  # 1.5
     *put("0aea", "0055"),  # ramp on a new set point
@@ -73,12 +74,14 @@ F4T_SAFE = [
     *put("0ade", "0000", "41c8"),  # 25
     *put("0aea", "003e"),
     *put("0aaa", "000a"),
+    *ask("0afa", "0000", "41c8"),  # the loop goes by it
 ]
 EUROTHERM_HOLD = [
     *ask("144b", "0001"),  # no program runs
     *ask("0114", "0000"),  # local set point
     *put("0002", "fe6b"),  # −40.5
-    *put("004e", "0001"),  # no rate limit
+    *put("0023", "0000"),  # no rate limit
+    *put("004e", "0001"),  # disabled besides
     *put("0111", "0000"),  # automatic
 ]
 EUROTHERM_RAMP = [
@@ -87,8 +90,10 @@ EUROTHERM_RAMP = [
     *ask("144b", "0001"),
     *ask("0114", "0000"),
     *put("0002", "00eb"),
+    *put("0023", "0000"),
     *put("004e", "0001"),
     *put("0111", "0000"),
+    *ask("0005", "00eb"),  # the working set point has come there
     *put("0023", "000f"),  # 1.5 °C/min
     *put("004e", "0000"),  # rate limit in force
     *put("0002", "012c"),  # 30
@@ -100,8 +105,10 @@ EUROTHERM_SAFE = [
     *ask("0114", "0001"),  # a remote set point
     *put("0114", "0000"),
     *put("0002", "00fa"),  # 25
+    *put("0023", "0000"),
     *put("004e", "0001"),
     *put("0111", "0000"),
+    *ask("0005", "00fa"),  # the loop goes by it
 ]
 F4_HOLD = [
     *ask("00c8", "0001"),  # no profile runs
