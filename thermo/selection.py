@@ -8,13 +8,19 @@ import numpy as np
 from errormodel.arrays import FloatArray, IntArray
 from errormodel.compressed import compress, solve_compressed
 from errormodel.errors import InputError
-from errormodel.fit import examine
+from errormodel.fit import examine, fit
 from errormodel.model import ErrorModel
+from errormodel.noise import NoiseModel
 from thermo.inputs import Channel
 from thermo.terms import MAX_ORDER, STATIC_NAMES, term
 
 # An order is worth its coefficient when it lowers the held-out rms by this share or more.
 WORTH = 0.01
+# The same for the whitened sum of squares: a coefficient of 2.4 sigma; by chance one in a hundred.
+WORTH_CHI2 = 6.0
+# Drift beyond this many times the white noise is taken for a missing effect that poses as drift:
+# nothing is then to be learnt from weighing readings by it.
+PLAUSIBLE_DRIFT = 2.0
 # With one run only, it is left out in this many pieces, one after another.
 PIECES = 10
 # Enough readings to judge separability; more only repeat the same geometry.
@@ -23,12 +29,17 @@ EXAMINED = 4000
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OrderTrial:
-    """How one pair of polynomial orders does on readings it was not fitted to."""
+    """How one pair of polynomial orders does on readings it was not fitted to.
+
+    `residual_ug` and `heldout_ug` are rms values over readings, in the fit and held out;
+    `heldout_chi2` is the held-out sum of squares after whitening by the noise, drift included.
+    """
 
     k0_order: int
     k1_order: int
     residual_ug: float
     heldout_ug: float
+    heldout_chi2: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -66,9 +77,12 @@ def select_model(channel: Channel) -> Selection:
     """Choose the terms of the model equation for one accelerometer's runs.
 
     Every position-dependent coefficient that the data can separate is taken. The orders of the
-    bias's and the scale factor's polynomials are those of the lowest rms on held-out runs, each
-    run predicted from the others; the simplest pair within 1 % of it wins. A single run is held
-    out piece by piece instead.
+    bias's and the scale factor's polynomials are judged on held-out runs, each run predicted from
+    the others, in two ways: an order is taken when the rms of the prediction falls by 1 %
+    (readings counted alike), or when its whitened sum of squares falls by 6 (readings counted as
+    the noise and its drift say). The first alone would leave effects below the noise of a reading
+    in the coefficients; the second would take a missing effect for drift, so it is left out when
+    the drift is implausibly large. A single run is held out piece by piece instead.
 
     Raises
     ------
@@ -86,18 +100,47 @@ def select_model(channel: Channel) -> Selection:
     top0 = max(k for k in range(MAX_ORDER + 1) if k == 0 or f"k0_t{k}" in names)
     top1 = max(k for k in range(MAX_ORDER + 1) if k == 0 or f"k1_t{k}" in names)
     pieces, held_out = _pieces(channel)
-    folded = _Folded(channel, static, top0, top1, pieces)
-    trials = tuple(folded.trial(i, j) for i in range(top0 + 1) for j in range(top1 + 1))
-    best = min(t.heldout_ug for t in trials)
-    good = [t for t in trials if t.heldout_ug <= best * (1.0 + WORTH)]
-    chosen = min(good, key=lambda t: (t.k0_order + t.k1_order, t.heldout_ug))
+    full = equation(static, top0, top1)
+    alike = _Folded(full, channel, NoiseModel(white=1.0), pieces)
+    noise = fit(full, channel.record).noise
+    weighed = _Folded(full, channel, noise, pieces)
+    trials = tuple(
+        _trial(equation(static, i, j), (i, j), alike, weighed)
+        for i in range(top0 + 1)
+        for j in range(top1 + 1)
+    )
+    by_rms = _simplest(trials, min(t.heldout_ug for t in trials) * (1.0 + WORTH), "heldout_ug")
+    k0_order, k1_order = by_rms.k0_order, by_rms.k1_order
+    if noise.drift <= PLAUSIBLE_DRIFT * noise.white:
+        least = min(t.heldout_chi2 for t in trials)
+        by_chi2 = _simplest(trials, least + WORTH_CHI2, "heldout_chi2")
+        k0_order, k1_order = max(k0_order, by_chi2.k0_order), max(k1_order, by_chi2.k1_order)
     return Selection(
-        model=equation(static, chosen.k0_order, chosen.k1_order),
-        k0_order=chosen.k0_order,
-        k1_order=chosen.k1_order,
+        model=equation(static, k0_order, k1_order),
+        k0_order=k0_order,
+        k1_order=k1_order,
         trials=trials,
         not_separable=lost,
         held_out=held_out,
+    )
+
+
+def _simplest(trials: Sequence[OrderTrial], at_most: float, measure: str) -> OrderTrial:
+    """Return the trial of the fewest coefficients among those that are good enough."""
+    good = [t for t in trials if getattr(t, measure) <= at_most]
+    return min(good, key=lambda t: (t.k0_order + t.k1_order, getattr(t, measure)))
+
+
+def _trial(
+    model: ErrorModel, orders: tuple[int, int], alike: "_Folded", weighed: "_Folded"
+) -> OrderTrial:
+    within, heldout = alike.costs(model)
+    return OrderTrial(
+        k0_order=orders[0],
+        k1_order=orders[1],
+        residual_ug=1e6 * float(np.sqrt(within / alike.n)),
+        heldout_ug=1e6 * float(np.sqrt(heldout / alike.n)),
+        heldout_chi2=weighed.costs(model)[1],
     )
 
 
@@ -150,41 +193,28 @@ class _Folded:
     """The largest model's products, compressed for each held-out piece once."""
 
     def __init__(
-        self,
-        channel: Channel,
-        static: Sequence[str],
-        top0: int,
-        top1: int,
-        pieces: Sequence[IntArray],
+        self, full: ErrorModel, channel: Channel, noise: NoiseModel, pieces: Sequence[IntArray]
     ) -> None:
-        self.static, self.top1 = static, top1
-        self.full = equation(static, top0, top1)
+        self.full = full
         record = channel.record
-        output = np.asarray(record.output)[:, None]
-        products = self.full.design(record, self.full.start_values())[0].products()
-        self.parts = [compress(products[p], output[p]) for p in pieces]
-        self.sizes = [len(p) for p in pieces]
+        products = full.design(record, full.start_values())[0].products()
+        joint = noise.whiten(record, np.column_stack([products, np.asarray(record.output)]))
+        self.parts = [compress(joint[p, :-1], joint[p, -1:]) for p in pieces]
+        self.n = sum(len(p) for p in pieces)
 
-    def trial(self, k0_order: int, k1_order: int) -> OrderTrial:
-        """Return how a pair of orders does, in sample and held out."""
-        model = equation(self.static, k0_order, k1_order)
+    def costs(self, model: ErrorModel) -> tuple[float, float]:
+        """Return the sum of squares of a smaller model in the fit, and held out."""
         columns = self._columns(model)
         start = model.start_values()
-        n = sum(self.sizes)
-        _, whole = self._fit(model, columns, start, range(len(self.parts)))
-        total = 0.0
+        _, within = self._fit(model, columns, start, range(len(self.parts)))
+        heldout = 0.0
         for k, part in enumerate(self.parts):
             rest = [j for j in range(len(self.parts)) if j != k]
             values, _ = self._fit(model, columns, start, rest)
             weights = model.product_weights(values)[0][0]
             left = part.target[:, 0] - part.triangle[:, columns] @ weights
-            total += float(left @ left + part.rest2[0])
-        return OrderTrial(
-            k0_order=k0_order,
-            k1_order=k1_order,
-            residual_ug=1e6 * float(np.sqrt(whole / n)),
-            heldout_ug=1e6 * float(np.sqrt(total / n)),
-        )
+            heldout += float(left @ left + part.rest2[0])
+        return within, heldout
 
     def _fit(
         self,

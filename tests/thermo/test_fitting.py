@@ -150,3 +150,17 @@ def test_a_terms_file_is_checked(tmp_path) -> None:
     path.write_text('terms = ["k0", "k0"]')
     with pytest.raises(InputError, match="stands twice"):
         read_terms(path)
+
+
+def test_coefficients_are_true_when_the_data_chose_the_model_too() -> None:
+    """The whole default fit, orders included: nothing below a reading's noise is left behind."""
+    total, unknowns = 0.0, 0
+    for seed in range(100, 112):
+        (one,) = fit_runs(runs_of(seed, drift_ug=0.0))
+        found = reported(one.fit, 1.3, "mA")
+        z = [(found[n]["value"] - TRUTH.get(n, 0.0)) / found[n]["sigma"] for n in one.fit.names]
+        correlation = one.fit.cov / np.outer(one.fit.sigmas, one.fit.sigmas)
+        total += float(z @ np.linalg.solve(correlation, z))
+        unknowns += len(z)
+        assert set(TRUTH) <= set(one.fit.names)
+    assert 0.001 < stats.chi2.sf(total, unknowns) < 0.999
