@@ -16,8 +16,8 @@ from thermo.terms import MAX_ORDER, STATIC_NAMES, term
 
 # An order is worth its coefficient when it lowers the held-out rms by this share or more.
 WORTH = 0.01
-# The same for the whitened sum of squares: a coefficient of 2.4 sigma; by chance one in a hundred.
-WORTH_CHI2 = 6.0
+# The same for the whitened sum of squares: a coefficient of three sigma.
+WORTH_CHI2 = 9.0
 # Drift beyond this many times the white noise is taken for a missing effect that poses as drift:
 # nothing is then to be learnt from weighing readings by it.
 PLAUSIBLE_DRIFT = 2.0
@@ -79,7 +79,7 @@ def select_model(channel: Channel) -> Selection:
     Every position-dependent coefficient that the data can separate is taken. The orders of the
     bias's and the scale factor's polynomials are judged on held-out runs, each run predicted from
     the others, in two ways: an order is taken when the rms of the prediction falls by 1 %
-    (readings counted alike), or when its whitened sum of squares falls by 6 (readings counted as
+    (readings counted alike), or when its whitened sum of squares falls by 9 (readings counted as
     the noise and its drift say). The first alone would leave effects below the noise of a reading
     in the coefficients; the second would take a missing effect for drift, so it is left out when
     the drift is implausibly large. A single run is held out piece by piece instead.
