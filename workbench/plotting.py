@@ -64,9 +64,9 @@ def thinned(n: int, limit: int = MAX_POINTS) -> IntArray:
     """Return at most `limit` of n indices, spread evenly but not in step with a period."""
     if n <= limit:
         return np.arange(n)
-    edges = np.linspace(0, n, limit + 1)
-    jitter = np.random.default_rng(1).random(limit)
-    return np.asarray(edges[:-1] + jitter * np.diff(edges), dtype=np.intp)
+    first = np.arange(limit) * n // limit
+    jitter = np.random.default_rng(1).integers(n // limit, size=limit)
+    return np.asarray(first + jitter, dtype=np.intp)
 
 
 def unit_of(*values_ug: FloatArray) -> tuple[str, float]:
