@@ -149,7 +149,12 @@ class _Unit:
         self.rng = rng
         self.memory: dict[str, Memory] = {}
         self.last: tuple[float, float] | None = None  # time, temperature
-        self.drift_g = 1e-6 * given.drift_ug * float(rng.standard_normal())
+        self.drift_g = 0.0
+        self.restart()
+
+    def restart(self) -> None:
+        """Draw a new drift, as after power-on."""
+        self.drift_g = 1e-6 * self.given.drift_ug * float(self.rng.standard_normal())
 
     def output_g(self, now_s: float, inside_c: float, rate: float, angle_rad: float) -> float:
         """Return the output over the nominal scale, g, noise of the meter apart."""
@@ -253,6 +258,13 @@ class Twin:
         with self._lock:
             self._advance(now_s)
             return float(self._state[1 + len(self._units) + index])
+
+    def power_cycle(self, now_s: float) -> None:
+        """Switch the accelerometers off and on: what drifts starts anew, what is frozen in stays."""
+        with self._lock:
+            self._advance(now_s)
+            for unit in self._units:
+                unit.restart()
 
     def turn_head(self, now_s: float, target_deg: float, speed_deg_per_s: float) -> None:
         """Start turning from wherever the head is."""

@@ -82,3 +82,16 @@ def test_the_same_seed_is_the_same_accelerometer_and_another_serial_is_another()
 def test_an_unwired_accelerometer_is_refused() -> None:
     with pytest.raises(ValueError, match="no emulated accelerometer for Q1"):
         Twin([WIRED], {})
+
+
+def test_power_off_and_on_draws_another_drift() -> None:
+    drifting = emulated_accelerometer("Q1")
+    calm = type(drifting)(model=drifting.model, values=drifting.values, white_ug=0.0, drift_ug=3.0)
+    twin = Twin([WIRED], {"Q1": calm}, QUIET)
+    before = twin.channel_value(0.0, 101)
+    kept = twin.channel_value(1e-3, 101)
+    twin.power_cycle(2e-3)
+    after = twin.channel_value(3e-3, 101)
+    # 1 ms of 3 µg drift over 1 h moves by 3 µg·√(2·1e-3/3600) = 0.002 µg; a new draw by µg
+    assert abs(kept - before) / 1.3 < 5e-8
+    assert abs(after - kept) / 1.3 > 2e-7
