@@ -260,7 +260,7 @@ class Twin:
             return float(self._state[1 + len(self._units) + index])
 
     def power_cycle(self, now_s: float) -> None:
-        """Switch the accelerometers off and on: what drifts starts anew, what is frozen in stays."""
+        """Switch the accelerometers off and on: their drift starts anew, a thermal loop stays."""
         with self._lock:
             self._advance(now_s)
             for unit in self._units:
