@@ -1,0 +1,266 @@
+"""Fills the tables of the reference from the program itself, so that they stay true.
+
+    python docs/reference/tables.py
+
+rewrites what stands between ``<!-- table: NAME -->`` and ``<!-- end -->`` in the files of this
+folder. Meanings that the program does not hold as data stand in meanings.toml; a key without one
+is an error. tests/test_docs.py fails when a table is not up to date.
+"""
+
+import re
+import tomllib
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any, get_args
+
+import click
+import sqlalchemy as sa
+from pydantic import BaseModel
+
+from drivers.emulators.faults import REPLY_KINDS
+from drivers.registers import load_map
+from drivers.station import ChamberConfig, FaultKind, StationConfig
+from errormodel.terms import InputChange
+from thermo.fitting import TermsFile
+from thermo.importing_map import LogMap
+from thermo.modelfile import ModelFile
+from thermo.recording import Sidecar
+from thermo.sequence import Sequence
+from thermo.store_schema import metadata
+from thermo.terms import LIBRARY
+from workbench.cli import accelbench
+
+HERE = Path(__file__).parent
+BLOCK = re.compile(r"<!-- table: (\S+) -->\n.*?<!-- end -->", re.DOTALL)
+Schema = Mapping[str, Any]
+Rows = list[tuple[str, ...]]
+
+
+def meanings() -> dict[str, dict[str, str]]:
+    """Return what every key means, by the table's name and the key's path."""
+    return tomllib.loads((HERE / "meanings.toml").read_text(encoding="utf-8"))
+
+
+def markdown(head: tuple[str, ...], rows: Rows) -> str:
+    """Write a table."""
+    lines = [head, tuple("---" for _ in head), *rows]
+    return "\n".join("| " + " | ".join(c.replace("|", "\\|") for c in row) + " |" for row in lines)
+
+
+def terms() -> str:
+    """Return the library of terms."""
+    rows: Rows = []
+    for name, make in LIBRARY.items():
+        term = make()
+        place = "replaces temperature" if isinstance(term, InputChange) else term.place
+        unknowns = [f"{c.symbol}, {_unit(c.unit)}" for c in term.coefficients]
+        found = [f"{p.symbol} (`{p.name}`), {p.lo:g} to {p.hi:g} {p.unit}" for p in term.parameters]
+        rows.append(
+            (
+                f"`{name}`",
+                "; ".join(unknowns) or "–",
+                place,
+                term.sentence,
+                "; ".join(found) or "–",
+                ", ".join(f"`{n}`" for n in sorted(term.needs)) or "–",
+            )
+        )
+    head = ("term", "coefficient", "place", "what it physically is", "parameters", "needs")
+    return markdown(head, rows)
+
+
+def _unit(unit: str) -> str:
+    return "output unit per g" if unit == "nominal" else unit
+
+
+def commands() -> str:
+    """Return every command with its arguments and options."""
+    parts: list[str] = []
+    context = click.Context(accelbench)
+    for name in accelbench.list_commands(context):
+        command = accelbench.get_command(context, name)
+        assert command is not None
+        arguments = [p for p in command.params if isinstance(p, click.Argument)]
+        usage = " ".join(p.metavar or p.human_readable_name.upper() for p in arguments)
+        what = (command.help or "").split("\n\n")[0].strip()
+        line = " ".join(("accelbench", name, *usage.split(), "[options]"))
+        parts.append(f"### {name}\n\n    {line}\n\n{what}\n")
+        rows = [_option(p) for p in command.params if isinstance(p, click.Option)]
+        parts.append(markdown(("option", "default", "meaning"), rows) + "\n")
+    return "\n".join(parts).rstrip()
+
+
+def _option(option: click.Option) -> tuple[str, str, str]:
+    value = "" if option.is_flag else f" {option.metavar or option.type.name.upper()}"
+    default = option.default
+    shown = f"`{default}`" if isinstance(default, str | Path) else "–"
+    shown = "required" if option.required else shown
+    return f"`{max(option.opts, key=len)}{value}`", shown, option.help or ""
+
+
+def keys(model: type[BaseModel], name: str) -> Callable[[], str]:
+    """Return what makes the table of a file's keys."""
+
+    def table() -> str:
+        schema = model.model_json_schema()
+        known, rows = meanings()[name], Rows()
+        used: set[str] = set()
+        for path, kind, default in _walk(schema, schema, ""):
+            if any(path.startswith(f"{p}.") and known[p].startswith("As ") for p in used):
+                continue  # told elsewhere
+            rows.append((f"`{path}`", kind, default, known[path]))
+            used.add(path)
+        if unused := sorted(set(known) - used):
+            raise KeyError(f"meanings.toml: {name}: {unused[0]} is no key")
+        return markdown(("key", "kind", "default", "meaning"), rows)
+
+    return table
+
+
+def _walk(node: Schema, root: Schema, prefix: str) -> Iterator[tuple[str, str, str]]:
+    needed = node.get("required", [])
+    for key, value in node.get("properties", {}).items():
+        path = f"{prefix}{key}"
+        inner, many = _tables(value, root)
+        default = "required" if key in needed else _default(value)
+        if inner:
+            yield path, "array of tables" if many else "table", default
+            yield from _merged([r for one in inner for r in _walk(one, root, f"{path}.")])
+        else:
+            yield path, _kind(value, root), default
+
+
+def _merged(rows: list[tuple[str, str, str]]) -> Iterator[tuple[str, str, str]]:
+    """Give each key of tables that stand for one another once."""
+    kinds: dict[str, list[str]] = {}
+    for path, kind, _ in rows:
+        kinds.setdefault(path, []).append(kind)
+    defaults = {path: default for path, _, default in rows}
+    for path, found in kinds.items():
+        yield path, " or ".join(dict.fromkeys(found)), defaults[path]
+
+
+def _tables(value: Schema, root: Schema) -> tuple[list[Schema], bool]:
+    """Return the tables a key may hold, and whether it holds many."""
+    if value.get("type") == "array":
+        return _tables(value.get("items", {}), root)[0], True
+    if "$ref" in value:
+        found = root["$defs"][value["$ref"].rsplit("/", 1)[1]]
+        return ([found] if "properties" in found else []), False
+    either = [*value.get("anyOf", []), *value.get("oneOf", [])]
+    return [t for v in either for t in _tables(v, root)[0]], False
+
+
+def _default(value: Schema) -> str:
+    if "default" not in value or value["default"] is None:
+        return "–"
+    default = value["default"]
+    if isinstance(default, dict | list) and (not default or isinstance(default, dict)):
+        return "–"
+    return f"`{default}`".replace("'", '"').replace("True", "true").replace("False", "false")
+
+
+def _kind(value: Schema, root: Schema) -> str:
+    if "$ref" in value:
+        return _kind(root["$defs"][value["$ref"].rsplit("/", 1)[1]], root)
+    if "enum" in value:
+        return " or ".join(f"`{v}`" for v in value["enum"])
+    if "const" in value:
+        return f"`{value['const']}`"
+    either = [v for v in value.get("anyOf", []) if v.get("type") != "null"]
+    if either:
+        return " or ".join(dict.fromkeys(_kind(v, root) for v in either))
+    if value.get("type") == "array":
+        if "prefixItems" in value:
+            return f"{len(value['prefixItems'])} × {_kind(value['prefixItems'][0], root)}"
+        return f"list of {_kind(value.get('items', {}), root)}"
+    return _scalar(value)
+
+
+def _scalar(value: Schema) -> str:
+    names = {"number": "number", "integer": "whole number", "string": "text", "object": "table"}
+    parts = [names.get(str(value.get("type")), str(value.get("type", "any")))]
+    limits = (("exclusiveMinimum", ">"), ("minimum", "≥"), ("exclusiveMaximum", "<"))
+    for key, sign in (*limits, ("maximum", "≤")):
+        if key in value:
+            parts.append(f"{sign} {value[key]:g}")
+    return " ".join(parts)
+
+
+def faults() -> str:
+    """Return what an emulated instrument can be told to do wrong."""
+    known = meanings()["faults"]
+    rows = [
+        (f"`{kind}`", "replies" if kind in REPLY_KINDS else "state", known[kind])
+        for kind in get_args(FaultKind)
+    ]
+    return markdown(("kind", "spoils", "what happens"), rows)
+
+
+def registers() -> str:
+    """Return the register maps of the chamber controllers."""
+    parts: list[str] = []
+    for model in get_args(ChamberConfig.model_fields["model"].annotation):
+        book = load_map(model)
+        parts.append(f"### {book.title} (`{model}`)\n")
+        rows: Rows = []
+        for name, r in book.registers.items():
+            kind = r.kind + (f", {r.word_order} word first" if r.count == 2 else "")
+            scale = "10^decimals" if r.scale == "decimals" else f"{r.scale:g}"
+            values = ", ".join(f"{k} {v}" for k, v in r.values.items()) or "–"
+            rows.append((f"`{name}`", str(r.address), kind, scale, r.access, values))
+        head = ("register", "address", "kind", "units of the wire per unit", "access", "values")
+        parts.append(markdown(head, rows) + "\n")
+    return "\n".join(parts).rstrip()
+
+
+def store() -> str:
+    """Return the tables of the store."""
+    parts: list[str] = []
+    known = meanings()["store"]
+    for table in metadata.sorted_tables:
+        parts.append(f"### {table.name}\n\n{known[table.name]}\n")
+        rows = [_column(table, column, known) for column in table.columns]
+        parts.append(markdown(("column", "type", "key", "meaning"), rows) + "\n")
+    return "\n".join(parts).rstrip()
+
+
+def _column(table: sa.Table, column: sa.Column[Any], known: Mapping[str, str]) -> tuple[str, ...]:
+    kind = type(column.type).__name__.lower() + (", may be null" if column.nullable else "")
+    key = "primary" if column.primary_key else ""
+    return f"`{column.name}`", kind, key, known[f"{table.name}.{column.name}"]
+
+
+TABLES: dict[str, Callable[[], str]] = {
+    "terms": terms,
+    "commands": commands,
+    "faults": faults,
+    "registers": registers,
+    "store": store,
+    "sequence": keys(Sequence, "sequence"),
+    "station": keys(StationConfig, "station"),
+    "mapping": keys(LogMap, "mapping"),
+    "sidecar": keys(Sidecar, "sidecar"),
+    "termsfile": keys(TermsFile, "termsfile"),
+    "modelfile": keys(ModelFile, "modelfile"),
+}
+
+
+def filled(text: str) -> str:
+    """Return a document with its tables made anew."""
+    return BLOCK.sub(
+        lambda m: f"<!-- table: {m[1]} -->\n{TABLES[m[1]]()}\n<!-- end -->",
+        text,
+    )
+
+
+def main() -> None:
+    """Rewrite the tables of every document in this folder."""
+    for path in sorted(HERE.glob("*.md")):
+        text = path.read_text(encoding="utf-8")
+        if (new := filled(text)) != text:
+            path.write_text(new, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
