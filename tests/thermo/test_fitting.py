@@ -164,3 +164,32 @@ def test_coefficients_are_true_when_the_data_chose_the_model_too() -> None:
         unknowns += len(z)
         assert set(TRUTH) <= set(one.fit.names)
     assert 0.001 < stats.chi2.sf(total, unknowns) < 0.999
+
+
+def flicker(rng: np.random.Generator, n: int) -> np.ndarray:
+    """Draw 1/f noise of unit rms by shaping a spectrum four times as long."""
+    f = np.fft.rfftfreq(4 * n)[1:]
+    shaped = (rng.standard_normal(f.size) + 1j * rng.standard_normal(f.size)) / np.sqrt(f)
+    noise = np.fft.irfft(np.concatenate([[0.0], shaped]))[:n]
+    return noise / np.std(noise)
+
+
+@pytest.mark.parametrize("kind", ["random walk", "flicker"])
+def test_sigmas_hold_for_drift_of_another_family_than_assumed(kind: str) -> None:
+    """4 µg of random walk over the run, or 2 µg of 1/f noise: neither is Ornstein-Uhlenbeck."""
+    terms = TermsFile(terms=tuple(TRUTH))
+    total, seeds = 0.0, 20
+    for seed in range(seeds):
+        rng = np.random.default_rng(seed)
+        frames = [simulate_run(rng, run=r, drift_ug=0.0) for r in "123"]
+        for frame in frames:
+            n = len(frame)
+            walk = np.cumsum(rng.standard_normal(n)) * 4.0 / np.sqrt(n)
+            drift_ug = walk if kind == "random walk" else 2.0 * flicker(rng, n)
+            frame["output"] += TRUTH["k1"] * 1e-6 * drift_ug
+        (one,) = fit_runs(recorded(*frames), terms=terms)
+        found = reported(one.fit, 1.3, "mA")
+        z = [(found[n]["value"] - TRUTH[n]) / found[n]["sigma"] for n in one.fit.names]
+        correlation = one.fit.cov / np.outer(one.fit.sigmas, one.fit.sigmas)
+        total += float(z @ np.linalg.solve(correlation, z))
+    assert 0.001 < stats.chi2.sf(total, seeds * len(TRUTH)) < 0.999
