@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from drivers.chamber_limits import ChamberLimits
 from drivers.chamber_registers import ControllerRegisters
 from drivers.devices import LinkCounters, Range, SafeResult
-from drivers.errors import DeviceError, InstrumentError
+from drivers.errors import DeviceError, InstrumentError, LimitError
 from drivers.station import ChamberConfig
 
 log = logging.getLogger(__name__)
@@ -297,7 +297,14 @@ class ModbusChamber(ControllerRegisters):
 
     def _set_safe_temp(self, temp_c: float) -> str:
         """Write the safe set point, which must be inside the limits like any other."""
-        self._check_temp(temp_c)
+        try:
+            self._check_temp(temp_c)
+        except LimitError:
+            # with the ramp off the loop would jump to the ramp's target: let it stay where it is
+            force_c = self._working_setpoint()
+            if force_c is not None and force_c in self.limits_c:
+                self._set("setpoint", force_c)
+            raise
         return self._set("setpoint", temp_c)
 
     def _await_setpoint(self, temp_c: float) -> str:

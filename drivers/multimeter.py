@@ -3,6 +3,7 @@
 import logging
 import math
 from collections.abc import Callable, Sequence
+from typing import TypeVar
 
 from drivers.clock import Clock, RealClock
 from drivers.devices import ChannelReading, LinkCounters, ScanChannel
@@ -25,6 +26,8 @@ from drivers.serial_link import SerialLink
 from drivers.station import DigitiserConfig
 
 log = logging.getLogger(__name__)
+
+T = TypeVar("T")
 
 LINE_PERIOD_S = 0.020  # of 50 Hz mains
 AUTOZERO = 2.0  # each reading is followed by one of the shorted input
@@ -202,19 +205,16 @@ class ScanningMultimeter:
 
     def _checked(self, reply: str) -> tuple[ScanItem, ...]:
         """Parse a scan and check that it is one of these channels."""
-        try:
-            items = parse_scan(reply)
-        except ProtocolError as err:
-            raise ProtocolError(f"{self._name}: {err}") from None
+        items = self._parsed(reply, parse_scan)
         got = sorted(item.channel for item in items)
         want = sorted(c.number for c in self._channels)
         if got != want:
             raise ProtocolError(f"{self._name}: a scan of channels {got}, expected {want}")
-        if self._as_maker and not all(item.as_maker for item in items):
-            raise ProtocolError(f"{self._name}: a reading of another length than before: {reply!r}")
-        if any(item.as_maker for item in items) and not all(item.as_maker for item in items):
-            raise ProtocolError(f"{self._name}: readings of unequal length: {reply!r}")
-        self._as_maker = items[0].as_maker
+        # an overload is no number, and some write it shorter
+        as_maker = [item.as_maker for item in items if abs(item.value) < OVERLOAD]
+        if not all(as_maker) and (self._as_maker or any(as_maker)):
+            raise ProtocolError(f"{self._name}: readings of unequal length: {reply[:120]!r}")
+        self._as_maker = self._as_maker or any(as_maker)
         return items
 
     def _reading(self, channel: ScanChannel, item: ScanItem, delay_s: float) -> ChannelReading:
@@ -244,11 +244,17 @@ class ScanningMultimeter:
 
         def exchange() -> str:
             self._link.send(question)
-            answer = parse(self._link.receive())
+            answer = self._parsed(self._link.receive(), parse)
             self._check_errors(question)
             return answer
 
         return self._link.transact(question, exchange, retries=retries, retry_refusal=True)
+
+    def _parsed(self, reply: str, parse: Callable[[str], T]) -> T:
+        try:
+            return parse(reply)
+        except ProtocolError as err:
+            raise ProtocolError(f"{self._name}: {err}") from None
 
     def _command(self, command: str, *, optional: bool = False) -> None:
         """Send a command and see that the error queue stays empty.
@@ -277,7 +283,7 @@ class ScanningMultimeter:
         errors: list[str] = []
         for _ in range(ERROR_QUEUE + 1):
             self._link.send("SYST:ERR?")
-            code, text = parse_error(self._link.receive())
+            code, text = self._parsed(self._link.receive(), parse_error)
             if code == 0:
                 break
             errors.append(f"{code:+d} {text}")

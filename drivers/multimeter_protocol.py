@@ -29,10 +29,9 @@ OVERLOAD = 9.9e37
 # instrument of the family that refuses them can still be used
 OPTIONAL = frozenset(("SYST:REM", "TRIG:SOUR IMM", "TRIG:COUN 1"))
 
-
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([Ee][+-]?\d+)?")
 _AS_THE_MAKER_WRITES = re.compile(r"[+-]\d\.\d{8}E[+-]\d{2}")
-_TIME = re.compile(r"\d+(\.\d+)?")
+_TIME = re.compile(r"\+?\d+(\.\d*)?([Ee][+-]?\d+)?")
 _CHANNEL = re.compile(r"\d{3,4}")
 _ERROR = re.compile(r'\s*([+-]?\d+)\s*,\s*"([^"]*)"?.*')
 IDENTITY = re.compile(r"[^,]+,[^,]+,[^,]*,[^,]+")

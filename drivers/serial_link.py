@@ -16,11 +16,9 @@ import time
 from collections.abc import Callable, Sequence
 from typing import TypeVar
 
-import serial
-
 from drivers.devices import LinkCounters
 from drivers.errors import DeviceError, InstrumentError, LinkError, ProtocolError
-from drivers.serial_port import PORT_ERRORS, Flow, address, open_port, why
+from drivers.serial_port import PORT_ERRORS, AnyPort, Flow, address, open_port, why
 
 log = logging.getLogger(__name__)
 
@@ -92,7 +90,7 @@ class SerialLink:
         self._flow: Flow = flow
         self._clear = clear
         self._resynced = resynced
-        self._port: serial.Serial | None = None
+        self._port: AnyPort | None = None
         self._buffer = bytearray()
         self._in_step = False
         self._closed = False
@@ -185,9 +183,11 @@ class SerialLink:
         """
         port = self._live()
         try:
-            waiting = len(self._buffer) or port.in_waiting
-            if waiting and self._in_step:
+            if port.in_waiting:
+                self._buffer += port.read(port.in_waiting)
+            if self._in_step and self._buffer.strip(b"\r\n"):
                 raise ProtocolError(f"{self.name}: a line nobody asked for came before {command!r}")
+            self._buffer.clear()  # the rest of a line's end, where it is LF and CR
             port.write(command.encode("ascii") + self._end)
         except PORT_ERRORS as err:
             raise LinkError(f"{self.name} at {self.url}: {command!r} not sent: {why(err)}") from err
@@ -217,9 +217,7 @@ class SerialLink:
         while True:
             raw = self._read_line(deadline_s)
             if raw is None:
-                self.counters.timeouts += 1
-                got = f", only {bytes(self._buffer[:40])!r}" if self._buffer else ""
-                raise LinkError(f"{self.name} at {self.url}: no answer within {limit_s:g} s{got}")
+                raise self._silence("", limit_s)
             line = raw.rstrip(b"\r").lstrip(b"\r")
             if not line:
                 continue
@@ -240,7 +238,7 @@ class SerialLink:
         self._drain()
         command, pattern = self._fences[self._fence]
         if self._failed_fences and self._clear:
-            self._write_raw(self._clear)
+            self._write_raw(self._clear + self._end)  # one that does not know it reads a line of it
         self.send(command)
         try:
             deadline_s = time.monotonic() + self.timeout_s
@@ -260,11 +258,16 @@ class SerialLink:
         """Receive a line of whatever bytes."""
         raw = self._read_line(deadline_s)
         if raw is None:
-            self.counters.timeouts += 1
-            raise LinkError(
-                f"{self.name} at {self.url}: no answer to {command!r} within {self.timeout_s:g} s"
-            )
+            raise self._silence(f" to {command!r}", self.timeout_s)
         return raw.strip(b"\r").decode("ascii", "replace")
+
+    def _silence(self, question: str, limit_s: float) -> LinkError:
+        """Count a time-out and return what to say of it."""
+        self.counters.timeouts += 1
+        got = f", only {bytes(self._buffer[:40])!r} without a line feed" if self._buffer else ""
+        return LinkError(
+            f"{self.name} at {self.url}: no answer{question} within {limit_s:g} s{got}"
+        )
 
     def _read_line(self, deadline_s: float) -> bytes | None:
         """Return bytes up to the next LF, which is dropped; None when the deadline passed."""
@@ -280,7 +283,7 @@ class SerialLink:
         self._buffer[:] = rest
         return line
 
-    def _read_some(self, port: serial.Serial, wait_s: float) -> bytes:
+    def _read_some(self, port: AnyPort, wait_s: float) -> bytes:
         """Wait for a byte at most `wait_s` and return all that are there."""
         try:
             if port.timeout != wait_s:  # setting it sets up the whole port
@@ -309,19 +312,19 @@ class SerialLink:
 
     # ---- the port
 
-    def _live(self) -> serial.Serial:
+    def _live(self) -> AnyPort:
         if self._port is None:
             raise LinkError(f"{self.name} at {self.url}: the port is not open")
         return self._port
 
-    def _opened(self) -> serial.Serial:
+    def _opened(self) -> AnyPort:
         """Open the port."""
         try:
             return open_port(self._address, self._baud, self._flow, max(self.timeout_s, 1.0))
         except PORT_ERRORS as err:
             raise LinkError(f"{self.name} at {self.url}: cannot be opened: {why(err)}") from err
 
-    def _reopened(self) -> serial.Serial:
+    def _reopened(self) -> AnyPort:
         """Open the port again, giving an adapter that is being plugged in the time-out to come."""
         deadline_s = time.monotonic() + (self.timeout_s if self._opened_before else 0.0)
         while True:

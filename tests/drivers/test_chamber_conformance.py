@@ -5,6 +5,7 @@ import random
 
 import pytest
 
+from drivers import chamber_modbus
 from drivers.chambers import open_chamber
 from drivers.clock import SteppedClock
 from drivers.devices import Chamber
@@ -259,12 +260,16 @@ def test_make_safe_tries_every_step_when_one_is_refused(tcp_bench):
     assert "once more:" in result.steps
 
 
-def test_make_safe_outside_the_limits_still_ends_the_ramp(tcp_bench):
+def test_make_safe_outside_the_limits_still_ends_the_ramp(tcp_bench, monkeypatch):
+    monkeypatch.setattr(chamber_modbus, "FOLLOW_S", 0.05)  # it will not go there, so why wait
     tcp_bench.chamber.ramp_to_c(70.0, 1.0)
     tcp_bench.wait(60.0)
     result = tcp_bench.chamber.make_safe(200.0)
     assert not result.verified
     before_c = tcp_bench.chamber.read_setpoint_c()
+    # the F4 ends a profile at the static set point, where the ramp began
+    here_c = 23.4 if tcp_bench.model == "watlow_f4" else 24.4
+    assert before_c == pytest.approx(here_c, abs=RESOLUTION_C), "and not the ramp's target"
     tcp_bench.wait(600.0)
     assert tcp_bench.chamber.read_setpoint_c() == before_c
 
