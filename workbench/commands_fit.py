@@ -5,12 +5,13 @@ from pathlib import Path
 import click
 from rich.console import RenderableType
 
+from errormodel.errors import InputError, NotSeparableError
 from thermo.atomic import write_files
 from thermo.compensated import CompensatedFile, compensate_files
-from thermo.fitting import fit_runs, read_terms
+from thermo.fitting import AccelerometerFit, TermsFile, fit_runs, read_terms
 from thermo.importing import import_log
 from thermo.modelfile import dump_model, make_model_file
-from thermo.recording import read_runs, write_runs
+from thermo.recording import RecordedRuns, read_runs, write_runs
 from workbench.console import emit, number, table
 from workbench.fit_output import fit_document, fit_text
 from workbench.outputs import (
@@ -76,7 +77,7 @@ def fit(
         _check_report(report, force=force)
     given = read_terms(terms) if terms else None
     record = read_runs(paths)
-    fits = fit_runs(record, terms=given, holdout=wanted)
+    fits = _fit(record, given, wanted)
     model = make_model_file(fits)
     written: list[tuple[Path, bytes]] = []
     if out is not None:
@@ -97,6 +98,18 @@ def fit(
         document["report"] = str(report / REPORT_NAME)
         text.append(f"report: {report / REPORT_NAME}")
     emit(document, text, as_json=as_json)
+
+
+def _fit(
+    record: RecordedRuns, terms: TermsFile | None, holdout: tuple[str, ...]
+) -> tuple[AccelerometerFit, ...]:
+    """Fit; a complaint about an accelerometer is told with the files it stands in."""
+    try:
+        return fit_runs(record, terms=terms, holdout=holdout)
+    except (InputError, NotSeparableError) as err:
+        if str(err).startswith(record.source):
+            raise
+        raise InputError(record.source, "", str(err)) from None
 
 
 def _runs_and_ids(

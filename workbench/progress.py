@@ -2,11 +2,12 @@
 
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import click
-from rich.console import Console
+from rich.console import Console, RenderableType
 from rich.progress import BarColumn, Progress, TaskID, TextColumn
+from rich.text import Text
 
 from thermo.live import LiveEstimate
 from thermo.plan_text import duration_text
@@ -18,6 +19,17 @@ from workbench.console import show_warnings_at_once
 SHOWN = 3  # accelerometers with their live K0 on the line
 STEP = 10  # percent between two lines where nobody looks at a terminal
 WORTH_SHOWING = ("fault", "pause", "gap", "resoak", "missed", "skipped", "position", "not safe")
+
+
+class _Bar(Progress):
+    """A bar with a line of text below it."""
+
+    below = ""
+
+    def get_renderables(self) -> Iterable[RenderableType]:
+        yield from super().get_renderables()
+        if self.below:
+            yield Text(self.below, no_wrap=True, overflow="ellipsis")
 
 
 class ProgressView:
@@ -41,14 +53,14 @@ class ProgressView:
         self._told = 0
         self._begun = False
         self._done = 0.0
-        self._bar: Progress | None = None
+        self._bar: _Bar | None = None
         self._task: TaskID | None = None
 
     def __enter__(self) -> "ProgressView":
         if sys.stderr.isatty():
-            self._bar = Progress(
+            self._bar = _Bar(
                 TextColumn("{task.description}", markup=False),
-                BarColumn(bar_width=30),
+                BarColumn(bar_width=12),
                 TextColumn("{task.percentage:>3.0f} % {task.fields[note]}", markup=False),
                 console=Console(stderr=True),
                 refresh_per_second=4,
@@ -81,7 +93,8 @@ class ProgressView:
         if progress.chamber_c is not None:
             where += f" {progress.chamber_c:+.1f} °C"
         if self._bar is not None and self._task is not None:
-            note = f"· {self._left(progress)}{self._estimate()}"
+            self._bar.below = self._estimate().removeprefix(" · ")
+            note = f"· {self._left(progress)}"
             self._bar.update(self._task, completed=self._done, description=where, note=note)
         elif int(100 * self._done) >= self._told + STEP:
             self._told = int(100 * self._done) // STEP * STEP
@@ -90,6 +103,7 @@ class ProgressView:
     def tell(self, text: str) -> None:
         """Say what is being done when the test is over."""
         if self._bar is not None and self._task is not None:
+            self._bar.below = ""
             self._bar.update(self._task, completed=1.0, description=text, note="")
         else:
             self._line(text)

@@ -1,25 +1,40 @@
 """What is fuzzed. To add a kind of file, append a `Target`."""
 
+import contextlib
+import io
+import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
+import numpy as np
+import pandas as pd
+
+from errormodel.errors import InputError
+from thermo.fitting import TermsFile, fit_runs, read_terms
 from thermo.importing import import_log
-from thermo.recording import read_runs
+from thermo.modelfile import dump_model, make_model_file, read_model
+from thermo.recording import make_runs, read_runs
 from thermo.sequence import load_sequence
 from thermo.station_shell import load_station
+from workbench.cli import main
 
 ROOT = Path(__file__).parents[2]
 
 
 @dataclass(frozen=True)
 class Target:
-    """A kind of file: `call` reads the folder in which `files` lie, one of which was damaged."""
+    """A kind of file: `call` reads the folder in which `files` lie, one of which was damaged.
+
+    `cost` says how many calls of another target one of this takes; so many fewer are made.
+    """
 
     name: str
     files: Mapping[str, bytes]
     damaged: str
     call: Callable[[Path], object]
+    cost: int = 1
 
 
 CSV = b"""run,serial,time_s,temp_c,position_deg,output,chamber_c,flag
@@ -90,6 +105,30 @@ first = 1
 FORGIVING = MAP.replace(b'"error"', b'"flag"')
 
 
+SEQUENCE = (ROOT / "data/sequences/short.toml").read_bytes()
+STATION = (ROOT / "data/stations/f4t.toml").read_bytes()
+TERMS = b"""# what to fit
+terms = ["k1", "k0", "k0_t1", "k1_t1"]
+t_ref_c = 25.0
+"""
+
+
+def _fittable() -> pd.DataFrame:
+    """As many readings as a fit needs, of two accelerometers."""
+    k = np.arange(40.0)
+    columns = {"run": "1", "time_s": k, "temp_c": 20 + k, "position_deg": 90 * (k % 4)}
+    output = 1.25 * np.sin(np.deg2rad(90 * (k % 4))) + 1e-5 * np.sin(7 * k)
+    parts = [pd.DataFrame(columns | {"serial": s, "output": output}) for s in ("QA-1", "QA-2")]
+    return pd.concat(parts)
+
+
+def _model() -> bytes:
+    """A small model file of the accelerometers in CSV."""
+    runs = make_runs(_fittable(), output_unit="mA", gravity_m_s2=9.80665, nominal_scale=1.25)
+    fits = fit_runs(runs, terms=TermsFile(terms=("k1", "k0")))
+    return dump_model(make_model_file(fits)).encode()
+
+
 def _runs(folder: Path) -> object:
     return read_runs([folder / "run.csv"])
 
@@ -106,6 +145,68 @@ def _station(folder: Path) -> object:
     return load_station(folder / "s.toml")
 
 
+def _command(*arguments_and_folder: str | Path) -> object:
+    """Call the command line: exit 0, or 2 with one line and nothing written.
+
+    An argument that names a file of the folder, or NEW for one to be written, becomes its path.
+    """
+    *arguments, folder = arguments_and_folder
+    folder, arguments = Path(folder), [str(a) for a in arguments]
+    with tempfile.TemporaryDirectory() as new:
+        given = [str(folder / a) if (folder / a).is_file() else a for a in arguments]
+        given = [str(Path(new) / a.removeprefix("NEW/")) if "NEW/" in a else a for a in given]
+        out, err = io.StringIO(), io.StringIO()
+        with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+            code = main(given)
+        if code == 0:
+            return None
+        written = list(Path(new).iterdir())
+        text = err.getvalue()
+        assert code == 2, f"exit code {code}: {text}"
+        assert not written, f"wrote {written}"
+        assert out.getvalue() == ""
+        assert text.startswith("accelbench: "), text
+        assert "error of the program" not in text, text
+        assert text.count("\n") == 1, text
+        assert text.endswith("\n"), text
+        raise InputError("", "", text.removeprefix("accelbench: ").removesuffix("\n"))
+
+
+RUN_FILES = {"run.csv": CSV, "run.toml": SIDECAR}
+LOG_FILES = {"log.txt": LOG, "map.toml": MAP}
+TEST_FILES = {"sequence.toml": SEQUENCE, "station.toml": STATION}
+FIT_FILES = {
+    "run.csv": _fittable().to_csv(index=False).encode(),
+    "run.toml": SIDECAR,
+    "t.toml": TERMS,
+}
+MODEL = _model()
+COMMANDS = (
+    ("import", LOG_FILES, "log.txt", ("log.txt", "--map", "map.toml", "--out", "NEW/o.csv")),
+    ("import", LOG_FILES, "map.toml", ("log.txt", "--map", "map.toml", "--out", "NEW/o.csv")),
+    (
+        "compensate",
+        {**RUN_FILES, "model.json": MODEL},
+        "run.csv",
+        ("run.csv", "--model", "model.json", "--out", "NEW/o.csv", "--json"),
+    ),
+    (
+        "compensate",
+        {**RUN_FILES, "model.json": MODEL},
+        "model.json",
+        ("run.csv", "--model", "model.json", "--out", "NEW/o.csv"),
+    ),
+    ("fit", FIT_FILES, "run.csv", ("run.csv", "--out", "NEW/m.json")),
+    ("fit", FIT_FILES, "run.toml", ("run.csv", "--model", "t.toml", "--out", "NEW/m.json")),
+    ("fit", FIT_FILES, "t.toml", ("run.csv", "--model", "t.toml", "--json")),
+    ("run", TEST_FILES, "sequence.toml", ("sequence.toml", "--dry-run", "--store", "NEW/s")),
+    (
+        "run",
+        TEST_FILES,
+        "station.toml",
+        ("sequence.toml", "--station", "station.toml", "--dry-run", "--store", "NEW/s"),
+    ),
+)
 TARGETS: list[Target] = [
     Target("csv", {"run.csv": CSV, "run.toml": SIDECAR}, "run.csv", _runs),
     Target("csv with forces", {"run.csv": FORCES, "run.toml": SIDECAR}, "run.csv", _runs),
@@ -120,5 +221,17 @@ TARGETS: list[Target] = [
     *(
         Target(f"station {p.stem}", {"s.toml": p.read_bytes()}, "s.toml", _station)
         for p in sorted((ROOT / "data/stations").glob("*.toml"))
+    ),
+    Target("terms", {"t.toml": TERMS}, "t.toml", lambda folder: read_terms(folder / "t.toml")),
+    Target("model", {"m.json": MODEL}, "m.json", lambda folder: read_model(folder / "m.json")),
+    *(
+        Target(
+            f"accelbench {name}, {damaged}",
+            files,
+            damaged,
+            partial(_command, name, *given),
+            cost=6 if name == "fit" else 1,  # what is sound is fitted
+        )
+        for name, files, damaged, given in COMMANDS
     ),
 ]

@@ -63,7 +63,7 @@ def test_a_sound_file_is_read(target, tmp_path):
 
 @pytest.mark.parametrize("target", TARGETS, ids=lambda t: t.name)
 def test_mutated_files(target, tmp_path):
-    assert list(faults(target, tmp_path, PER_TARGET)) == []
+    assert list(faults(target, tmp_path, PER_TARGET // target.cost)) == []
 
 
 @pytest.mark.slow
