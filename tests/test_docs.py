@@ -171,6 +171,8 @@ def test_the_tutorial_s_night_runs(
     assert main(night) == 0
     assert "finished: all runs done" in capsys.readouterr().out
     for words in [c for c in commands if c[0] in ("fit", "compensate")][:2]:
+        if "--report" in words:  # drawn in the test above; twice would cost seconds
+            words = words[: words.index("--report")]
         assert main(words) == 0
     once, twice = [c for c in commands if c[0] == "compensate"]
     assert "compensated.csv" in once
