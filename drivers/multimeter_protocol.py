@@ -31,6 +31,7 @@ OPTIONAL = frozenset(("SYST:REM", "TRIG:SOUR IMM", "TRIG:COUN 1"))
 
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([Ee][+-]?\d+)?")
 _AS_THE_MAKER_WRITES = re.compile(r"[+-]\d\.\d{8}E[+-]\d{2}")
+_SIGN_LOST = re.compile(r"\s+\d\.\d{8}E[+-]\d{2}\s*")  # a blank where the maker has a sign
 _TIME = re.compile(r"\+?\d+(\.\d*)?([Ee][+-]?\d+)?")
 _CHANNEL = re.compile(r"\d{3,4}")
 _ERROR = re.compile(r'\s*([+-]?\d+)\s*,\s*"([^"]*)"?.*')
@@ -65,6 +66,8 @@ def parse_scan(reply: str) -> tuple[ScanItem, ...]:
     ProtocolError
         If the reply is not made of such triples, a channel stands twice, or time runs backwards.
     """
+    if any(_SIGN_LOST.fullmatch(field) for field in reply.split(",")):
+        raise ProtocolError(f"a reading without its sign in {reply[:60]!r}")
     fields = [field.strip() for field in reply.split(",")]
     if len(fields) % 3:
         raise ProtocolError(f"scan of {len(fields)} fields, expected value,time,channel triples")

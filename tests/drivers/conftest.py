@@ -16,8 +16,9 @@ from drivers.motion import MotionHead
 from drivers.multimeter import ScanningMultimeter
 from drivers.station import DigitiserConfig, HeadConfig
 
-TIMEOUT_S = 0.15
-LATE_S = 0.55  # later than any question here waits, a scan's 0.1 s per channel included
+TIMEOUT_S = 0.08
+RETRIES = 5  # so many that a busy machine does not use them up
+LATE_S = 0.45  # later than any question here waits, a scan's 0.1 s per channel included
 
 
 class BenchPlant:
@@ -79,7 +80,8 @@ class SerialBench:
         self.kind = kind
 
     def open(self, **more):
-        settings = {"url": self.emulator.url, "timeout_s": TIMEOUT_S, "baud": 115200} | more
+        settings = {"url": self.emulator.url, "timeout_s": TIMEOUT_S, "baud": 115200}
+        settings |= {"retries": RETRIES} | more
         if self.kind == "digitiser":
             device = ScanningMultimeter(DigitiserConfig(**settings), clock=self.clock)
         else:

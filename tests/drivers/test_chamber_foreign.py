@@ -48,7 +48,7 @@ class ForeignServer:
     """pymodbus's server in a thread of its own."""
 
     def __init__(self, registers: dict[int, list[int]], framer: FramerType, action=follow) -> None:
-        values = [0] * 20000
+        values = [0] * max(5300, *(address + 100 for address in registers), 0)
         for address, words in registers.items():
             values[address : address + len(words)] = words
         self.device = SimDevice(

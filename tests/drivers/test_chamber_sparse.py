@@ -169,7 +169,7 @@ def bank(request):
     return BANKS[request.param]()
 
 
-@pytest.mark.parametrize("manners", [{}, {"closes": True}, {"delay_s": 0.02}], ids=str)
+@pytest.mark.parametrize("manners", [{}, {"closes": True}, {"delay_s": 0.01}], ids=str)
 def test_it_goes_where_it_is_sent_at_the_rate_it_is_given(serve, bank, manners):
     chamber, _ = serve(bank, **manners)
     assert "23 °C" in chamber.identify()

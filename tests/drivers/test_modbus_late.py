@@ -22,8 +22,8 @@ from drivers.modbus_link import ModbusLink
 from drivers.registers import Barrier
 from drivers.station import LinkConfig
 
-TIMEOUT_S = 0.03
-DELAYS_S = (0.0,) * 12 + (0.04, 0.05, 0.08, 0.2)
+TIMEOUT_S = 0.018
+DELAYS_S = (0.0,) * 12 + (0.024, 0.03, 0.05, 0.12)
 
 
 class SlowSlave:
