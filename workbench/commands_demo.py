@@ -88,4 +88,7 @@ def _text(result: DemoResult) -> Iterator[RenderableType]:
         sentence = find_loop(one).sentence
         if sentence:
             yield f"{one.serial}: {sentence}."
+        if one.serial in HIDDEN:
+            size_ug = 1e6 * HIDDEN[one.serial]["bias_hysteresis"]
+            yield f"({one.serial} was given a bias hysteresis of ±{size_ug:g} µg that no fit knows.)"
     yield f"report: {result.report}"

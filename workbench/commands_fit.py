@@ -1,5 +1,6 @@
 """`accelbench import`, `fit` and `compensate`: from logs and runs to models and their use."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import click
@@ -10,7 +11,7 @@ from thermo.atomic import write_files
 from thermo.compensated import CompensatedFile, compensate_files
 from thermo.fitting import AccelerometerFit, TermsFile, fit_runs, read_terms
 from thermo.importing import import_log
-from thermo.modelfile import dump_model, make_model_file
+from thermo.modelfile import ModelFile, dump_model, make_model_file
 from thermo.recording import RecordedRuns, read_runs, write_runs
 from workbench.console import emit, number, table
 from workbench.fit_output import fit_document, fit_text
@@ -79,25 +80,28 @@ def fit(
     record = read_runs(paths)
     fits = _fit(record, given, wanted)
     model = make_model_file(fits)
+    document, text = fit_document(fits, model), list(fit_text(fits, model))
     written: list[tuple[Path, bytes]] = []
     if out is not None:
         written.append((out, dump_model(model).encode()))
-    if report is not None:
-        from workbench.report import ReportExtras, render_report  # matplotlib takes its second
-
-        title = f"Temperature model of {', '.join(f.serial for f in fits):.80}"
-        pages = render_report(fits, record, title=title, extras=ReportExtras(model=model))
-        written += [(report / name, content) for name, content in pages.items()]
-    write_files(written)
-    document = fit_document(fits, model)
-    text = list(fit_text(fits, model))
-    if out is not None:
         document["out"] = str(out)
         text.append(f"model file: {out}")
     if report is not None:
+        written += _report_files(fits, record, model, report)
         document["report"] = str(report / REPORT_NAME)
         text.append(f"report: {report / REPORT_NAME}")
+    write_files(written)
     emit(document, text, as_json=as_json)
+
+
+def _report_files(
+    fits: Sequence[AccelerometerFit], record: RecordedRuns, model: ModelFile, folder: Path
+) -> list[tuple[Path, bytes]]:
+    from workbench.report import ReportExtras, render_report  # matplotlib takes its second
+
+    title = f"Temperature model of {', '.join(f.serial for f in fits):.80}"
+    pages = render_report(fits, record, title=title, extras=ReportExtras(model=model))
+    return [(folder / name, content) for name, content in pages.items()]
 
 
 def _fit(

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import resources
 from pathlib import Path
 
@@ -13,6 +13,7 @@ from thermo.compensated import CompensatedFile, compensate_files
 from thermo.fitting import AccelerometerFit, fit_runs
 from thermo.modelfile import ModelFile, dump_model, make_model_file
 from thermo.plan import make_plan
+from thermo.recording import RecordedRuns
 from thermo.sequence import Sequence as TestSequence
 from thermo.sequence import parse_sequence
 from thermo.station_emulated import default_station, run_emulated
@@ -34,12 +35,12 @@ class DemoResult:
 
     folder: Path
     outcome: TestOutcome
-    verdicts: tuple[RampVerdict, ...]
-    fits: tuple[AccelerometerFit, ...]
-    model: ModelFile | None
-    compensated: CompensatedFile | None
-    report: Path | None
     seconds: float
+    verdicts: tuple[RampVerdict, ...] = ()
+    fits: tuple[AccelerometerFit, ...] = ()
+    model: ModelFile | None = None
+    compensated: CompensatedFile | None = None
+    report: Path | None = None
 
 
 def demo_sequence() -> TestSequence:
@@ -107,22 +108,20 @@ def run_demo(
         clock=SteppedClock() if speed is None else ScaledClock(speed),
         observers=observers,
     )
+    ended = DemoResult(folder=folder, outcome=outcome, seconds=time.monotonic() - began_s)
     if outcome.status != "finished":
-        return DemoResult(
-            folder=folder,
-            outcome=outcome,
-            verdicts=(),
-            fits=(),
-            model=None,
-            compensated=None,
-            report=None,
-            seconds=time.monotonic() - began_s,
-        )
+        return ended
     with open_existing_store(str(store_path)) as store:
         plan = make_plan(sequence, default_station(sequence))
         verdicts = judge_test(plan, store.readings(outcome.test_id))
         exported = export_recorded(store, outcome.test_id, folder / "run.csv")
-    record = exported[0].record
+    result = _evaluate(replace(ended, verdicts=verdicts), exported[0].record, tell)
+    return replace(result, seconds=time.monotonic() - began_s)
+
+
+def _evaluate(result: DemoResult, record: RecordedRuns, tell: Tell) -> DemoResult:
+    """Fit, compensate and report what was exported to run.csv."""
+    folder = result.folder
     tell("fitting")
     fits = fit_runs(record)
     model = make_model_file(fits)
@@ -136,19 +135,10 @@ def run_demo(
         fits,
         record,
         folder / "report",
-        title=f"Temperature models of test {outcome.test_id}",
-        extras=ReportExtras(model=model, tables=station_tables(outcome, verdicts)),
+        title=f"Temperature models of test {result.outcome.test_id}",
+        extras=ReportExtras(model=model, tables=station_tables(result.outcome, result.verdicts)),
     )
-    return DemoResult(
-        folder=folder,
-        outcome=outcome,
-        verdicts=verdicts,
-        fits=fits,
-        model=model,
-        compensated=compensated,
-        report=report,
-        seconds=time.monotonic() - began_s,
-    )
+    return replace(result, fits=fits, model=model, compensated=compensated, report=report)
 
 
 def station_tables(
