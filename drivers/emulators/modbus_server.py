@@ -189,7 +189,8 @@ class ModbusServer:
         while not self._stop.is_set():
             idle = not self._readable(pty.fileno(), GAP_S if buffer else None)
             if not idle:
-                buffer += pty.read()
+                with suppress(BlockingIOError):
+                    buffer += pty.read()
             if not self._on_rtu(buffer, pty.write, idle=idle):
                 buffer.clear()
                 pty.replace()

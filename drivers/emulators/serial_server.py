@@ -6,27 +6,22 @@ serves them; a late reply holds up everything behind it, as it does in an instru
 """
 
 import contextlib
-import errno
 import logging
 import os
 import selectors
-import shutil
 import socket
-import tempfile
 import threading
-import time
-import tty
 from pathlib import Path
 from typing import Protocol
 from urllib.parse import urlsplit
 
 from drivers.emulators.faults import FaultPlan
+from drivers.emulators.pseudo_terminal import WRITE_LIMIT_S, PseudoTerminal
 
 log = logging.getLogger(__name__)
 
 SPLIT_PAUSE_S = 0.05
 LINE_LIMIT = 65536
-WRITE_LIMIT_S = 2.0  # a reader that takes nothing for so long loses the rest
 CTRL_C = 0x03
 
 
@@ -81,11 +76,9 @@ class SerialServer:
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
         self._wake_r, self._wake_w = -1, -1
-        self._pty: _Pty | None = None
+        self._pty: PseudoTerminal | None = None
         self._listener: socket.socket | None = None
         self._buffers: dict[_Plug, bytearray] = {}
-        self._own_dir: Path | None = None
-        self._lock = threading.Lock()
         self.url = url
 
     def start(self) -> None:
@@ -101,7 +94,10 @@ class SerialServer:
         self._selector.register(self._wake_r, selectors.EVENT_READ, None)
         try:
             if isinstance(self._wanted, Path):
-                self._plug_in(self._link_path(self._wanted))
+                wanted = None if self._wanted.name == "auto" else self._wanted
+                self._pty = PseudoTerminal(wanted)
+                self.url = f"serial://{self._pty.path}"
+                self._remember(self._pty)
             else:
                 self._listen(*self._wanted)
         except OSError:
@@ -122,19 +118,15 @@ class SerialServer:
         if self._listener is not None:
             self._listener.close()
             self._listener = None
-        with self._lock:
-            if self._pty is not None:
-                self._pty.close()
-                self._pty = None
+        if self._pty is not None:
+            self._pty.close()
+            self._pty = None
         for fd in (self._wake_r, self._wake_w):
             if fd >= 0:
                 with contextlib.suppress(KeyError):
                     self._selector.unregister(fd)
                 os.close(fd)
         self._wake_r, self._wake_w = -1, -1
-        if self._own_dir is not None:
-            shutil.rmtree(self._own_dir, ignore_errors=True)
-            self._own_dir = None
 
     # ---- ports
 
@@ -143,24 +135,6 @@ class SerialServer:
         if self._wake_w >= 0:
             with contextlib.suppress(OSError):
                 os.write(self._wake_w, b"x")
-
-    def _link_path(self, wanted: Path) -> Path:
-        """Return where the link to the pseudo-terminal goes."""
-        if wanted.name == "auto":
-            self._own_dir = Path(tempfile.mkdtemp(prefix="accelbench-"))
-            wanted = self._own_dir / "tty"
-        self.url = f"serial://{wanted}"
-        return wanted
-
-    def _plug_in(self, path: Path) -> None:
-        """Put a fresh pseudo-terminal at the path; whoever had the old one finds it dead."""
-        fresh = _Pty(path)
-        with self._lock:
-            old, self._pty = self._pty, fresh
-        if old is not None:
-            self._forget(old)
-            old.hang_up()
-        self._remember(fresh)
 
     def _listen(self, host: str, port: int) -> None:
         self._listener = socket.create_server((host, port))
@@ -174,17 +148,17 @@ class SerialServer:
 
     def _forget(self, plug: _Plug) -> None:
         self._buffers.pop(plug, None)
-        with contextlib.suppress(KeyError, ValueError):
+        with contextlib.suppress(KeyError, ValueError, OSError):
             self._selector.unregister(plug.fileno())
         if isinstance(plug, _Connection):
             plug.close()
 
     def _drop(self, plug: _Plug) -> None:
         """Do to the asker what a pulled cable does, and plug it in again."""
-        if isinstance(plug, _Pty):
-            self._plug_in(plug.path)
-        else:
-            self._forget(plug)
+        self._forget(plug)
+        if isinstance(plug, PseudoTerminal):
+            plug.replace()
+            self._remember(plug)
 
     # ---- serving
 
@@ -204,9 +178,9 @@ class SerialServer:
     def _read(self, plug: _Plug) -> None:
         try:
             data = plug.read()
-        except OSError as err:
-            if err.errno in (errno.EAGAIN, errno.EINTR):
-                return
+        except BlockingIOError:
+            return
+        except OSError:
             data = b""
         if not data:
             self._drop(plug)
@@ -259,51 +233,6 @@ class SerialServer:
             plug.write(data)
 
 
-class _Pty:
-    """The instrument's end of a pseudo-terminal, with a link to the other end."""
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self._master, self._slave = os.openpty()
-        # the other end stays open here too, else the master reads an error while nobody is there
-        tty.setraw(self._slave)
-        os.set_blocking(self._master, False)
-        self._device = os.ttyname(self._slave)
-        try:
-            _place_link(path, self._device)
-        except OSError:
-            self.hang_up()
-            raise
-
-    def fileno(self) -> int:
-        return self._master
-
-    def read(self) -> bytes:
-        return os.read(self._master, 4096)
-
-    def write(self, data: bytes) -> None:
-        deadline_s = time.monotonic() + WRITE_LIMIT_S
-        while data and time.monotonic() < deadline_s:
-            try:
-                data = data[os.write(self._master, data) :]
-            except BlockingIOError:
-                time.sleep(0.001)
-
-    def hang_up(self) -> None:
-        ends = (self._master, self._slave)
-        self._master = self._slave = -1  # the numbers may be somebody else's by the second time
-        for end in ends:
-            if end >= 0:
-                os.close(end)
-
-    def close(self) -> None:
-        """Hang up and remove the link, unless it is somebody else's by now."""
-        with contextlib.suppress(OSError):
-            if os.readlink(self.path) == self._device:
-                self.path.unlink()
-        self.hang_up()
-
-
 class _Connection:
     """One TCP connection."""
 
@@ -336,16 +265,6 @@ def _target(url: str) -> Path | tuple[str, int]:
     if parts.scheme == "socket" and parts.hostname and parts.port is not None:
         return parts.hostname, parts.port
     raise ValueError(f"url {url!r}, expected serial:///path, serial://auto or socket://host:port")
-
-
-def _place_link(path: Path, device: str) -> None:
-    """Make the link in one step; a link left by an emulator that was killed is replaced."""
-    if path.exists() and not path.is_symlink():
-        raise FileExistsError(errno.EEXIST, "is no link left by an emulator", str(path))
-    path.parent.mkdir(parents=True, exist_ok=True)
-    fresh = path.with_name(f".{path.name}.{os.getpid()}.{threading.get_ident()}")
-    fresh.symlink_to(device)
-    fresh.replace(path)
 
 
 def _garbled(reply: str) -> bytes:

@@ -494,7 +494,7 @@ def test_an_emulator_does_not_take_the_place_of_a_real_port(tmp_path):
         "watlow_f4", IdealPlant(), clock, FaultPlan([], "chamber", clock),
         transport="rtu", path=port,
     )  # fmt: skip
-    with pytest.raises(ValueError, match="no symbolic link"):
+    with pytest.raises(FileExistsError, match="no link left by an emulator"):
         emulator.start()
     emulator.close()
     assert port.is_file()

@@ -222,7 +222,8 @@ def test_an_unplugged_port_is_a_link_error_and_plugging_in_heals_it(scripted):
     assert "\n" not in str(caught.value)
     with pytest.raises(LinkError, match="cannot be opened"):
         ask(link, "A?")
-    port.server._plug_in(port.server._pty.path)
+    port.server._pty.replace()
+    port.server._remember(port.server._pty)
     port.server._wake()
     assert ask(link, "A?") == "1"
     assert link.counters.reconnects >= 1
