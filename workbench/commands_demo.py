@@ -90,5 +90,5 @@ def _text(result: DemoResult) -> Iterator[RenderableType]:
             yield f"{one.serial}: {sentence}."
         if one.serial in HIDDEN:
             size_ug = 1e6 * HIDDEN[one.serial]["bias_hysteresis"]
-            yield f"({one.serial} was given a bias hysteresis of ±{size_ug:g} µg that no fit knows.)"
+            yield f"({one.serial} was given a bias hysteresis of ±{size_ug:g} µg; no fit knows it.)"
     yield f"report: {result.report}"
