@@ -39,6 +39,10 @@ class _StoppedError(Exception):
     """Ctrl-C, without the line that click adds to it."""
 
 
+class _ReaderGoneError(Exception):
+    """A broken pipe, without the exit that click makes of it."""
+
+
 class _LazyGroup(click.Group):
     """A group whose commands are imported when they are called."""
 
@@ -47,6 +51,8 @@ class _LazyGroup(click.Group):
             return super().invoke(ctx)
         except KeyboardInterrupt:
             raise _StoppedError from None
+        except BrokenPipeError:
+            raise _ReaderGoneError from None
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         return list(COMMANDS)
@@ -114,7 +120,7 @@ def _run(argv: list[str], held: HeldWarnings) -> tuple[int, str]:
         return MISUSE, str(err)
     except (_StoppedError, KeyboardInterrupt, click.Abort):
         return FAILED, "stopped"
-    except BrokenPipeError:
+    except (_ReaderGoneError, BrokenPipeError):
         _leave_pipe()
         return DONE, ""
     except OSError as err:
