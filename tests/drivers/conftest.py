@@ -18,7 +18,7 @@ from drivers.station import DigitiserConfig, HeadConfig
 
 TIMEOUT_S = 0.08
 RETRIES = 5  # so many that a busy machine does not use them up
-LATE_S = 0.45  # later than any question here waits, a scan's 0.1 s per channel included
+LATE_S = 0.3  # later than any question here waits, a scan's 0.04 s per channel included
 
 
 class BenchPlant:
