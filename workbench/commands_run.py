@@ -8,8 +8,9 @@ from typing import Any
 import click
 
 from drivers.clock import Clock, ScaledClock, SteppedClock
+from drivers.errors import InstrumentError
 from drivers.station import StationConfig
-from errormodel.errors import InputError
+from errormodel.errors import InputError, WorkbenchError
 from thermo.foresight import Foresight, foresee
 from thermo.live import LiveEstimate
 from thermo.plan import Plan, make_plan
@@ -137,11 +138,9 @@ def _stored(store: str, test_id: str) -> tuple[TestSequence, StationConfig]:
 
 
 def _check_store(store: str) -> None:
-    parsed = parse_url(store)
-    if parsed.get_backend_name() == "sqlite":
-        folder = Path(str(parsed.database)).resolve().parent
-        if not folder.is_dir():
-            raise InputError(store, "--store", "its folder does not exist")
+    path = _file_of(store)
+    if path is not None and not path.resolve().parent.is_dir():
+        raise InputError(store, "--store", "its folder does not exist")
 
 
 def _run(job: _Job, observers: Sequence[Observer]) -> TestOutcome:
@@ -154,14 +153,37 @@ def _run(job: _Job, observers: Sequence[Observer]) -> TestOutcome:
             resume=job.resume,
             observers=observers,
         )
-    return run_on_station(
-        job.sequence,
-        job.config,
-        job.store,
-        clock=job.clock,
-        resume=job.resume,
-        observers=observers,
-    )
+    path = _file_of(job.store)
+    is_new = path is not None and not path.exists()
+    try:
+        return run_on_station(
+            job.sequence,
+            job.config,
+            job.store,
+            clock=job.clock,
+            resume=job.resume,
+            observers=observers,
+        )
+    except (InstrumentError, WorkbenchError):
+        if path is not None and is_new:
+            _forget_empty(path)
+        raise
+
+
+def _file_of(store: str) -> Path | None:
+    parsed = parse_url(store)
+    return Path(str(parsed.database)) if parsed.get_backend_name() == "sqlite" else None
+
+
+def _forget_empty(path: Path) -> None:
+    """Take away a store that was made for a test which could not be begun."""
+    if not path.is_file():
+        return
+    with open_existing_store(path) as store:
+        empty = not store.tests()
+    if empty:
+        for suffix in ("", "-wal", "-shm"):
+            path.with_name(path.name + suffix).unlink(missing_ok=True)
 
 
 def _after(
