@@ -12,8 +12,9 @@ import re
 from collections.abc import Callable
 from typing import TypeVar
 
-from drivers.devices import LinkCounters, Range
+from drivers.devices import Range
 from drivers.errors import DeviceError, InstrumentError, LimitError, LinkError, ProtocolError
+from drivers.serial_instrument import SerialInstrument
 from drivers.serial_link import SerialLink
 from drivers.station import HeadConfig
 
@@ -86,7 +87,7 @@ def angle_text(angle_deg: float) -> str:
     return "0" if text in ("-0", "") else text
 
 
-class MotionHead:
+class MotionHead(SerialInstrument):
     """An indexing head on one axis of an ESP301; satisfies `drivers.devices.IndexingHead`.
 
     Parameters
@@ -103,11 +104,10 @@ class MotionHead:
     """
 
     def __init__(self, config: HeadConfig, *, name: str = "head") -> None:
-        self._name = name
         self._config = config
         self._limits = Range(lo=config.limits_deg[0], hi=config.limits_deg[1])
         self._speed_set = False
-        self._link = SerialLink(
+        link = SerialLink(
             config.url,
             name=name,
             baud=config.baud,
@@ -118,17 +118,7 @@ class MotionHead:
             flow="rts_cts",
             resynced=self._empty_error_buffer,
         )
-        self._link.open()
-
-    @property
-    def name(self) -> str:
-        """The instrument's name in the station file."""
-        return self._name
-
-    @property
-    def counters(self) -> LinkCounters:
-        """Exchanges, retries and faults so far."""
-        return self._link.counters
+        super().__init__(link)
 
     @property
     def limits_deg(self) -> Range:
@@ -139,10 +129,6 @@ class MotionHead:
     def speed_deg_per_s(self) -> float:
         """The speed the axis turns at, °/s."""
         return self._config.speed_deg_per_s
-
-    def close(self) -> None:
-        """Close the port; the axis does what it was doing."""
-        self._link.close()
 
     def identify(self) -> str:
         """Ask for the firmware version and check the model and the axis' unit.
@@ -289,12 +275,6 @@ class MotionHead:
             log.warning("%s: %s", self._name, err)
             return "no answer"
 
-    def _parsed(self, reply: str, parse: Callable[[str], T]) -> T:
-        try:
-            return parse(reply)
-        except ProtocolError as err:
-            raise ProtocolError(f"{self._name}: {err}") from None
-
     def _check_errors(self, what: str) -> None:
         """Read the error buffer; errors of other axes are only logged."""
         mine: list[str] = []
@@ -307,14 +287,7 @@ class MotionHead:
             raise DeviceError(f"{self._name}: {what!r} refused: {'; '.join(mine)}")
 
     def _read_error_buffer(self) -> list[tuple[int, str]]:
-        errors: list[tuple[int, str]] = []
-        for _ in range(ERROR_BUFFER + 1):
-            self._link.send("TB?")
-            code, text = self._parsed(self._link.receive(), parse_error)
-            if code == 0:
-                break
-            errors.append((code, text))
-        return errors
+        return self._read_errors("TB?", parse_error, ERROR_BUFFER)
 
     def _empty_error_buffer(self) -> None:
         """After getting into step: what is in the buffer belongs to the past."""

@@ -3,10 +3,9 @@
 import logging
 import math
 from collections.abc import Callable, Sequence
-from typing import TypeVar
 
 from drivers.clock import Clock, RealClock
-from drivers.devices import ChannelReading, LinkCounters, ScanChannel
+from drivers.devices import ChannelReading, ScanChannel
 from drivers.errors import DeviceError, LinkError, ProtocolError
 from drivers.multimeter_protocol import (
     FUNCTIONS,
@@ -22,12 +21,11 @@ from drivers.multimeter_protocol import (
     parse_scan,
     range_for,
 )
+from drivers.serial_instrument import SerialInstrument
 from drivers.serial_link import SerialLink
 from drivers.station import DigitiserConfig
 
 log = logging.getLogger(__name__)
-
-T = TypeVar("T")
 
 LINE_PERIOD_S = 0.020  # of 50 Hz mains
 AUTOZERO = 2.0  # each reading is followed by one of the shorted input
@@ -36,7 +34,7 @@ REPLY_BYTES = 40  # of one reading with time and channel
 ERROR_QUEUE = 20
 
 
-class ScanningMultimeter:
+class ScanningMultimeter(SerialInstrument):
     """A 34970A; satisfies `drivers.devices.Digitiser`.
 
     Parameters
@@ -58,14 +56,13 @@ class ScanningMultimeter:
     def __init__(
         self, config: DigitiserConfig, *, name: str = "digitiser", clock: Clock | None = None
     ) -> None:
-        self._name = name
         self._config = config
         self._clock: Clock = RealClock() if clock is None else clock
         self._channels: tuple[ScanChannel, ...] = ()
         self._nplc = config.nplc
         self._as_maker = False  # becomes True with the first reading so written, and stays
         self._refusals: list[str] = []
-        self._link = SerialLink(
+        link = SerialLink(
             config.url,
             name=name,
             baud=config.baud,
@@ -76,21 +73,7 @@ class ScanningMultimeter:
             clear=b"\x03",
             resynced=self._empty_error_queue,
         )
-        self._link.open()
-
-    @property
-    def name(self) -> str:
-        """The instrument's name in the station file."""
-        return self._name
-
-    @property
-    def counters(self) -> LinkCounters:
-        """Exchanges, retries and faults so far."""
-        return self._link.counters
-
-    def close(self) -> None:
-        """Close the port."""
-        self._link.close()
+        super().__init__(link)
 
     def identify(self) -> str:
         """Ask for the identity and check the model.
@@ -250,12 +233,6 @@ class ScanningMultimeter:
 
         return self._link.transact(question, exchange, retries=retries, retry_refusal=True)
 
-    def _parsed(self, reply: str, parse: Callable[[str], T]) -> T:
-        try:
-            return parse(reply)
-        except ProtocolError as err:
-            raise ProtocolError(f"{self._name}: {err}") from None
-
     def _command(self, command: str, *, optional: bool = False) -> None:
         """Send a command and see that the error queue stays empty.
 
@@ -280,14 +257,8 @@ class ScanningMultimeter:
             raise DeviceError(f"{self._name}: {what!r} refused: {'; '.join(errors)}")
 
     def _read_error_queue(self) -> list[str]:
-        errors: list[str] = []
-        for _ in range(ERROR_QUEUE + 1):
-            self._link.send("SYST:ERR?")
-            code, text = self._parsed(self._link.receive(), parse_error)
-            if code == 0:
-                break
-            errors.append(f"{code:+d} {text}")
-        return errors
+        errors = self._read_errors("SYST:ERR?", parse_error, ERROR_QUEUE)
+        return [f"{code:+d} {text}" for code, text in errors]
 
     def _empty_error_queue(self) -> None:
         """After getting into step: what is in the queue belongs to the past."""
