@@ -224,6 +224,16 @@ def test_a_controller_whose_limits_exclude_the_station_is_refused():
         bench.close()
 
 
+def test_a_controller_that_cannot_be_made_safe_is_refused_beforehand():
+    bench = Bench("watlow_f4t", "tcp")
+    try:
+        bench.emulator.controller.limits_c = (30.0, 120.0)
+        with pytest.raises(DeviceError, match="safe temperature 25 °C is outside 30 to 85 °C"):
+            bench.chamber.identify()
+    finally:
+        bench.close()
+
+
 def test_make_safe_ends_a_ramp_verifies_and_can_be_repeated(bench):
     bench.chamber.ramp_to_c(70.0, 1.0)
     bench.wait(600.0)

@@ -234,6 +234,34 @@ def test_another_instrument_is_recognised(scripted):
     meter.close()
 
 
+@pytest.mark.parametrize(
+    ("value", "offset", "overload"),
+    [
+        ("+1.50000000E+00", "000000000.040", "+9.9E+37"),
+        ("1.5", "0.04", "+9.90000000E+37"),
+        ("+1.5000000000E+00", "+4.00000000E-02", "9.9E37"),
+    ],
+)
+def test_numbers_as_others_write_them(scripted, value, offset, overload):
+    port = scripted(
+        {
+            "*IDN?": ["HEWLETT-PACKARD,34970A,0,13-2-2"],
+            "SYST:ERR?": ['+0,"No error"'],
+            "READ?": [f"{value},{offset},101,{overload},{offset},111"],
+        }
+    )
+    clock = SteppedClock()
+    meter = ScanningMultimeter(DigitiserConfig(url=port.url, timeout_s=2.0), clock=clock)
+    meter.configure([VOLT, OHM])
+    for _ in range(2):
+        good, open_input = meter.scan()
+        assert (good.value, good.offset_s, good.ok) == (1.5, 0.04, True)
+        assert math.isnan(open_input.value)
+        assert not open_input.ok
+    assert meter.counters.retries == 0
+    meter.close()
+
+
 # ---- conformance
 
 

@@ -12,6 +12,21 @@ from drivers.emulators.serial_server import SerialServer
 from drivers.errors import DeviceError, LinkError, ProtocolError
 from drivers.serial_link import SerialLink
 
+
+class Script:
+    """Replies by question, used up one by one, the last for ever."""
+
+    def __init__(self, replies):
+        self.replies = replies
+
+    def respond(self, line):
+        answers = self.replies[line]
+        return answers.pop(0) if len(answers) > 1 else answers[0]
+
+    def refuse(self):
+        pass
+
+
 FENCE = ("WHO?", re.compile("me"))
 
 
@@ -168,6 +183,40 @@ def test_empty_lines_are_passed_over(scripted):
     port = scripted({"WHO?": ["me"], "A?": ["\r\n\r\n1"]})
     link = link_to(port.url)
     assert ask(link, "A?") == "1"
+    link.close()
+
+
+@pytest.mark.parametrize("end", [b"\n", b"\r\n", b"\n\r", b"\r\r\n"], ids=repr)
+@pytest.mark.parametrize("url", ["serial://auto", "socket://127.0.0.1:0"])
+def test_ends_of_lines_that_others_send(url, end):
+    replies = Script({"WHO?": ["me"], "A?": ["1", "2"]})
+    server = SerialServer(url, replies, FaultPlan([], "head", SteppedClock()), reply_end=end)
+    server.start()
+    link = link_to(server.url, timeout_s=2.0)
+    assert [ask(link, "A?"), ask(link, "A?"), ask(link, "A?")] == ["1", "2", "2"]
+    assert link.counters.retries == 0
+    link.close()
+    server.close()
+
+
+def test_a_lone_carriage_return_is_told_of():
+    replies = Script({"WHO?": ["me"]})
+    faults = FaultPlan([], "head", SteppedClock())
+    server = SerialServer("serial://auto", replies, faults, reply_end=b"\r")
+    server.start()
+    link = link_to(server.url, retries=0)
+    with pytest.raises(LinkError, match=r"only b'me\\r' without a line feed"):
+        ask(link, "A?")
+    link.close()
+    server.close()
+
+
+def test_what_clears_an_instrument_is_a_line_of_its_own(scripted):
+    """One that does not know the clearing byte must still understand the fence after it."""
+    port = scripted({"WHO?": [None, "me"], "A?": ["1"]})
+    link = link_to(port.url, timeout_s=0.1, retries=3, clear=b"\x02")
+    assert ask(link, "A?") == "1"
+    assert port.sent == ["WHO?", "\x02", "WHO?", "A?"]
     link.close()
 
 
