@@ -9,8 +9,6 @@ from scipy import linalg
 from errormodel.arrays import FloatArray
 from errormodel.compressed import triangle_of
 
-# A column this much shorter than the longest is what rounding leaves of zero (sin 180°).
-ROUNDING = 1e-13
 # Partners in a confounded group take part with at least this share of the largest.
 PARTNER_SHARE = 0.2
 
@@ -53,7 +51,7 @@ def separability(
     if p == 0:
         return Separability(condition=1.0, confounded=())
     norms = np.linalg.norm(columns, axis=0)
-    present = norms > ROUNDING * norms.max()
+    present = norms > 0
     scaled = columns / np.where(present, norms, 1.0)
     triangle = triangle_of(scaled)
     singular = linalg.svdvals(triangle[:, present]) if present.any() else np.ones(1)

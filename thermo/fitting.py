@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from errormodel.arrays import FloatArray
-from errormodel.errors import InputError
+from errormodel.errors import InputError, NotSeparableError
 from errormodel.files import read_toml
 from errormodel.fit import ModelFit, fit
 from errormodel.model import ErrorModel
@@ -73,7 +73,8 @@ class AccelerometerFit:
     raw, summary : ResidualSummary
         With constants only, and with the model.
     heldout : ResidualSummary or None
-        Of readings predicted without their run; None with a single run.
+        Of readings predicted without their run; None with a single run, or where the others
+        cannot give every coefficient.
     heldout_runs : tuple of str
         The runs asked to be held out; empty when each was left out in turn.
     digests : mapping
@@ -198,6 +199,8 @@ def _scales(effect: object) -> bool:
 def _fit_channel(model: ErrorModel, channel: Channel) -> ModelFit:
     try:
         return fit(model, channel.record)
+    except NotSeparableError as err:
+        raise NotSeparableError(err.groups, f"serial {channel.serial}: the data") from None
     except ValueError as err:
         raise InputError(f"serial {channel.serial}", "", str(err)) from None
 
@@ -240,7 +243,9 @@ def _held_out(
         others = tuple(r for r in everything.run_ids if r != left_out)
         seen = everything.take(everything.runs_mask(others))
         rows = everything.runs_mask((left_out,))
-        start = result.as_dict()
-        without = fit(model, seen.record, start=start, noise=result.noise)
+        try:
+            without = fit(model, seen.record, start=result.as_dict(), noise=result.noise)
+        except NotSeparableError:
+            return None  # this run alone carries some coefficient: it cannot be predicted
         residual_ug[rows] = _residual_ug(without, everything.take(rows))
     return summarise(everything, residual_ug)

@@ -13,6 +13,7 @@ from thermo.inputs import Channel, direction_of, smooth_temperature
 from thermo.live import ASSUMED_NOISE
 from thermo.modelfile import reported_units, reporting_factors
 from thermo.plan import RunPlan
+from thermo.recording_model import head_force_g
 from thermo.selection import equation, separable_names
 from thermo.terms import STATIC_NAMES, term
 
@@ -127,7 +128,7 @@ def _planned(runs: Sequence[RunPlan], t_ref_c: float) -> Channel:
     temp_c = np.concatenate([r.temp_c for r in runs])
     position_deg = np.concatenate([r.position_deg for r in runs])
     slow_c, rate = smooth_temperature(time_s, temp_c, run)
-    angle = np.deg2rad(position_deg)
+    force_g = head_force_g(position_deg)
     return Channel(
         serial="planned",
         run_ids=tuple(str(r.number) for r in runs),
@@ -135,9 +136,9 @@ def _planned(runs: Sequence[RunPlan], t_ref_c: float) -> Channel:
             time_s=time_s,
             run=run,
             signals={
-                "a_i_g": np.sin(angle),
-                "a_p_g": np.cos(angle),
-                "a_o_g": 0.0 * angle,
+                "a_i_g": force_g[:, 0],
+                "a_p_g": force_g[:, 1],
+                "a_o_g": force_g[:, 2],
                 "x_c": temp_c - t_ref_c,
                 "x_slow_c": slow_c - t_ref_c,
                 "rate_c_per_min": rate,

@@ -203,8 +203,7 @@ class RecordedRuns:
                 self.source, "", "has neither position_deg nor a_i_g, a_p_g, a_o_g: input unknown"
             )
         given = self._given()
-        turned = np.deg2rad(self.position_deg)
-        from_head = np.column_stack([np.sin(turned), np.cos(turned), 0.0 * turned])
+        from_head = head_force_g(self.position_deg)
         return np.where(given[:, None], np.nan_to_num(self.a_g, nan=0.0), from_head)
 
     def scale_of(self, run: str, serial: str) -> OutputScale:
@@ -310,6 +309,16 @@ class RecordedRuns:
                 self.source, "", f"no {what} {name!r}; expected one of {', '.join(names):.200}"
             )
         return names.index(name)
+
+
+def head_force_g(position_deg: FloatArray) -> FloatArray:
+    """Compute the specific force along (IA, PA, OA) on a head at rest, shape (n, 3), g.
+
+    It is (sin θ, cos θ, 0), rounded to 1e-15 g so that sin 180° is 0: a product of two forces
+    that is zero at every position is then seen to be zero.
+    """
+    turned = np.deg2rad(position_deg)
+    return np.round(np.column_stack([np.sin(turned), np.cos(turned), 0.0 * turned]), 15)
 
 
 def pairs(run: Labels, serial: Labels) -> list[tuple[str, str]]:

@@ -99,8 +99,8 @@ def select_model(channel: Channel) -> Selection:
     static = [n for n in names if n in STATIC_NAMES or n in ("k0", "k1")]
     top0 = max(k for k in range(MAX_ORDER + 1) if k == 0 or f"k0_t{k}" in names)
     top1 = max(k for k in range(MAX_ORDER + 1) if k == 0 or f"k1_t{k}" in names)
-    pieces, held_out = _pieces(channel)
     full = equation(static, top0, top1)
+    pieces, held_out = _pieces(channel, full)
     alike = _Folded(full, channel, NoiseModel(white=1.0), pieces)
     noise = fit(full, channel.record).noise
     weighed = _Folded(full, channel, noise, pieces)
@@ -178,15 +178,28 @@ def separable_names(channel: Channel) -> tuple[tuple[str, ...], tuple[str, ...]]
     return tuple(kept), tuple(n for n in order if n not in kept)
 
 
-def _pieces(channel: Channel) -> tuple[list[IntArray], str]:
-    """Return the sets of readings to hold out in turn, and what they are in words."""
+def _pieces(channel: Channel, full: ErrorModel) -> tuple[list[IntArray], str]:
+    """Return the sets of readings to hold out in turn, and what they are in words.
+
+    Runs are held out where the others can give the whole model without each of them.
+    """
     runs = channel.record.run
-    if runs[-1] > 0:
-        return [np.flatnonzero(runs == r) for r in range(int(runs[-1]) + 1)], "each run in turn"
-    parts = np.array_split(np.arange(len(runs)), PIECES)
-    return [
-        np.asarray(p, dtype=np.intp) for p in parts
-    ], "each tenth of the one run in turn, for want of a second run"
+    count = int(runs[-1]) + 1
+    if count == 1:
+        return _tenths(channel), "each tenth of the one run in turn, for want of a second run"
+    start = full.start_values()
+    for number in range(count):
+        rest = np.flatnonzero(runs != number)
+        rest = rest[:: max(1, rest.size // EXAMINED)]
+        if examine(full, channel.record.take(rest), start).confounded:
+            lone = channel.run_ids[number]
+            return _tenths(channel), f"each tenth of the readings in turn: run {lone} has no like"
+    return [np.flatnonzero(runs == r) for r in range(count)], "each run in turn"
+
+
+def _tenths(channel: Channel) -> list[IntArray]:
+    parts = np.array_split(np.arange(len(channel.record)), PIECES)
+    return [np.asarray(p, dtype=np.intp) for p in parts]
 
 
 class _Folded:

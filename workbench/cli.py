@@ -93,6 +93,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     int
         0 done, 1 a criterion failed, 2 misuse or bad input.
     """
+    # the matrices here are long and narrow: more threads only wait for one another
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     for stream in (sys.stdout, sys.stderr):
         with contextlib.suppress(AttributeError, OSError):
             stream.reconfigure(errors="backslashreplace")  # type: ignore[union-attr]

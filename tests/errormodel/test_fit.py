@@ -131,11 +131,3 @@ def test_misuse_is_refused(model, record, truth) -> None:
 def test_conditioning_is_reported_on_scaled_columns(model, record, truth) -> None:
     result = fit(model, measured(record, model.simulate(record, truth)), noise=WHITE)
     assert 1.0 <= result.condition < 20.0  # the unscaled columns would give 1e5
-
-
-def test_what_rounding_leaves_of_zero_is_no_effect(record) -> None:
-    """sin 180° is 1e-16, not 0: no unknown can be had from it."""
-    nearly = record.with_signals(x=1e-16 * record["x"])
-    model = ErrorModel((linear_term("a", "input", "u", 2), linear_term("b", "input", "x")), "u")
-    with pytest.raises(NotSeparableError, match=r"b \(it has no effect there\)"):
-        fit(model, measured(nearly, record["u"]))

@@ -193,3 +193,21 @@ def test_sigmas_hold_for_drift_of_another_family_than_assumed(kind: str) -> None
         correlation = one.fit.cov / np.outer(one.fit.sigmas, one.fit.sigmas)
         total += float(z @ np.linalg.solve(correlation, z))
     assert 0.001 < stats.chi2.sf(total, seeds * len(TRUTH)) < 0.999
+
+
+def test_a_run_that_alone_carries_a_coefficient_cannot_be_predicted_and_nothing_breaks() -> None:
+    rng = np.random.default_rng(4)
+    tumbled = simulate_run(rng, run="1")
+    still = simulate_run(rng, run="2", angles=(90.0,))
+    (one,) = fit_runs(recorded(tumbled, still))
+    assert {"k1", "k0", "k2", "delta_o"} <= set(one.fit.names)
+    assert one.heldout is None
+    assert one.summary.rms_ug < 1.2 * WHITE_AND_DRIFT_UG
+
+
+def test_a_loop_that_is_not_there_does_not_hide_behind_its_width() -> None:
+    """The width of a loop of nearly nothing is badly known, not 'without effect'."""
+    names = (*TRUTH, "bias_hysteresis")
+    (one,) = fit_runs(runs_of(6, loop_ug=0.3, drift_ug=0.0), terms=TermsFile(terms=names))
+    found = reported(one.fit, 1.3, "mA")
+    assert abs(found["bias_hysteresis"]["value"]) < 5.0
