@@ -214,7 +214,7 @@ class ModbusChamber(ControllerRegisters):
         -------
         SafeResult
         """
-        log.warning("%s: making safe at %g °C", self._name, temp_c)
+        log.info("%s: making safe at %g °C", self._name, temp_c)
         with self._commanding:
             self._forget_missing()  # nothing believed to be missing is passed over here
             verified, worked, lines = self._safe_pass(temp_c)

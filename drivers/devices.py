@@ -35,7 +35,7 @@ class ScanChannel:
 
     number: int
     quantity: str  # "voltage" (V) or "resistance" (ohm)
-    full_scale: float  # V or ohm: the range to measure in
+    full_scale: float  # V or ohm: the range to measure in; inf: the instrument's choice each time
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -9,6 +9,7 @@ from drivers.devices import ChannelReading, ScanChannel
 from drivers.errors import DeviceError, LinkError, ProtocolError
 from drivers.multimeter_protocol import (
     FUNCTIONS,
+    HIGHEST,
     IDENTITY,
     MODEL,
     OPTIONAL,
@@ -202,7 +203,7 @@ class ScanningMultimeter(SerialInstrument):
 
     def _reading(self, channel: ScanChannel, item: ScanItem, delay_s: float) -> ChannelReading:
         """Judge one reading."""
-        ok = abs(item.value) <= OVERRANGE * range_for(channel)
+        ok = abs(item.value) <= min(OVERRANGE * range_for(channel), HIGHEST[channel.quantity])
         if not ok and abs(item.value) < OVERLOAD:
             log.warning(
                 "%s: channel %d reads %g, outside its range, taken for an overload",

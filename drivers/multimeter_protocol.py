@@ -9,6 +9,7 @@ XOFF is the factory flow control.
 """
 
 import itertools
+import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -24,6 +25,7 @@ RANGES: Mapping[str, tuple[float, ...]] = {
 }
 FUNCTIONS: Mapping[str, str] = {"voltage": "VOLT:DC", "resistance": "RES"}
 OVERRANGE = 1.2  # the instrument measures up to 120 % of a range
+HIGHEST = {quantity: OVERRANGE * ranges[-1] for quantity, ranges in RANGES.items()}
 OVERLOAD = 9.9e37
 # these only make sure of what *RST leaves anyway, or of a state that other ports do not have; an
 # instrument of the family that refuses them can still be used
@@ -115,6 +117,8 @@ def parse_error(reply: str) -> tuple[int, str]:
 def range_for(channel: ScanChannel) -> float:
     """Return the smallest range of the instrument that holds a channel's full scale, V or ohm.
 
+    An infinite full scale asks for autorange, and is returned.
+
     Raises
     ------
     LimitError
@@ -126,6 +130,8 @@ def range_for(channel: ScanChannel) -> float:
             f"channel {channel.number}: quantity {channel.quantity!r}, "
             f"expected {' or '.join(RANGES)}"
         )
+    if channel.full_scale == math.inf:
+        return math.inf
     if channel.full_scale > 0:
         for candidate in ranges:
             if channel.full_scale <= candidate:
@@ -168,7 +174,8 @@ def configuration(channels: Sequence[ScanChannel], nplc: float) -> tuple[str, ..
     commands = ["SYST:REM", "*RST", "*CLS"]
     for (quantity, full_scale), members in groups.items():
         function, where = FUNCTIONS[quantity], _list(members)
-        commands.append(f"CONF:{function} {full_scale:g},{where}")
+        wanted = "AUTO" if math.isinf(full_scale) else f"{full_scale:g}"
+        commands.append(f"CONF:{function} {wanted},{where}")
         commands.append(f"SENS:{function}:NPLC {nplc:g},{where}")
     return (
         *commands,

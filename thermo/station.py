@@ -27,7 +27,6 @@ from thermo.uniformity import judge_test
 
 log = logging.getLogger(__name__)
 
-COLDER_C = 5.0  # thermistors are expected to be at most this far below the programme
 VERSIONS_OF = ("accelbench", "numpy", "scipy", "pymodbus", "pyserial", "SQLAlchemy")
 
 
@@ -158,9 +157,7 @@ class _Test:
         station, plan = self._station, self._plan
         identities = station.identify()
         inputs = inputs_of(plan.sequence, station.config)
-        # no wider than needed: in the multimeter's next range the error at the hot end is tenfold
-        low_c = min(min(leg.start_c, leg.end_c) for leg in plan.legs) - COLDER_C
-        channels = scan_channels(inputs, low_c)
+        channels = scan_channels(inputs)
         station.digitiser.configure(channels, nplc=station.config.digitiser.nplc)
         settings = {"identity": identities, **station.read_settings()}
         if not resume:

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 from drivers.devices import ChannelReading, ScanChannel
 from drivers.station import InputConfig, StationConfig
-from drivers.thermistor import ohm_from_temp_c, temp_c_from_ohm
+from drivers.thermistor import temp_c_from_ohm
 from thermo.sequence import Sequence as TestSequence
 from thermo.store_records import ReadingRow
 
@@ -20,28 +20,20 @@ def inputs_of(sequence: TestSequence, station: StationConfig) -> tuple[InputConf
     return tuple(wired[a.serial] for a in sequence.accelerometers)
 
 
-def scan_channels(inputs: Sequence[InputConfig], low_c: float) -> tuple[ScanChannel, ...]:
+def scan_channels(inputs: Sequence[InputConfig]) -> tuple[ScanChannel, ...]:
     """Return the scan list: each output, then its thermistor.
 
-    Parameters
-    ----------
-    inputs : sequence of InputConfig
-    low_c : float
-        The coldest the thermistors will be, °C: their resistance is largest there.
-
-    Returns
-    -------
-    tuple of ScanChannel
+    A thermistor's resistance changes hundredfold over a chamber's range: on the range that holds
+    the cold end, the meter's own error at the hot end would be 0.1 °C and more. So it autoranges.
     """
     channels: list[ScanChannel] = []
     for entry in inputs:
-        largest_ohm = float(ohm_from_temp_c(low_c, entry.thermistor))
         channels += [
             ScanChannel(
                 number=entry.output_channel, quantity="voltage", full_scale=entry.full_scale_v
             ),
             ScanChannel(
-                number=entry.thermistor_channel, quantity="resistance", full_scale=largest_ohm
+                number=entry.thermistor_channel, quantity="resistance", full_scale=math.inf
             ),
         ]
     return tuple(channels)

@@ -182,6 +182,11 @@ def test_what_is_no_error_queue_reply_is_refused(reply):
 # ---- configuring
 
 
+def test_an_infinite_full_scale_is_autorange():
+    thermistor = ScanChannel(number=111, quantity="resistance", full_scale=math.inf)
+    assert "CONF:RES AUTO,(@111)" in configuration([thermistor], 1.0)
+
+
 def test_the_smallest_range_that_holds_the_full_scale_is_taken():
     volts = [0.05, 0.1, 0.2, 5.0, 10.0, 11.0, 300.0]
     made = [ScanChannel(number=101, quantity="voltage", full_scale=v) for v in volts]
