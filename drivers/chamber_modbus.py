@@ -7,6 +7,7 @@ set. Here stand the limits, the reading back of everything written, and the way 
 import logging
 import threading
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 
 from drivers.chamber_limits import ChamberLimits
@@ -23,7 +24,7 @@ CYCLE_S = 0.05  # real: between two looks at it
 SafeStep = tuple[str, Callable[[], str]]
 
 
-class ModbusChamber(ControllerRegisters):
+class ModbusChamber(ControllerRegisters, ABC):
     """A chamber with one temperature loop behind Modbus; the models derive from it.
 
     Parameters
@@ -227,33 +228,33 @@ class ModbusChamber(ControllerRegisters):
 
     # ---- what a model says about itself
 
+    @abstractmethod
     def _hold(self, temp_c: float) -> None:
         """Put the loop in automatic at `temp_c` without any ramp."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _ramp(self, start_c: float, temp_c: float, rate_c_per_min: float) -> None:
         """Start a ramp to `temp_c`; the set point in force is `start_c`."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _leave_profile(self, next_c: float) -> None:
         """End a profile or program that somebody started; `next_c` is where the loop goes then."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _working_setpoint(self) -> float | None:
         """Return the set point in force, °C; None where no register tells it."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _sensor_fault(self) -> str:
         """Return what is wrong with the sensor, or an empty string."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _own_alarms(self) -> Sequence[str]:
         """Return the alarms the controller shows."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _safe_steps(self, temp_c: float) -> Sequence[SafeStep]:
         """Return the steps to a safe state, each verifying itself and saying what it read back."""
-        raise NotImplementedError
 
     def _check_settings(self, settings: Mapping[str, str | float]) -> None:
         """Raise DeviceError where the settings cannot be those of the station file."""

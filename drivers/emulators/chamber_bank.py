@@ -3,6 +3,7 @@
 import math
 import struct
 import threading
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -133,7 +134,7 @@ class Loop:
         self._plant.drive_chamber(self.now_s, self.setpoint_c(), self.target_c, self._rate)
 
 
-class Controller:
+class Controller(ABC):
     """A register bank over a loop; the models fill in the cells. Thread-safe.
 
     Parameters
@@ -156,11 +157,11 @@ class Controller:
         self._cells = self.cells()
         self._owner = {a + i: (a, c) for a, c in self._cells.items() for i in range(c.size)}
 
+    @abstractmethod
     def cells(self) -> dict[int, Cell]:
         """Return the register space by address."""
-        raise NotImplementedError
 
-    def tick(self) -> None:
+    def tick(self) -> None:  # noqa: B027  most controllers have nothing that becomes due
         """Do what became due; called before every access."""
 
     def read(self, address: int, count: int) -> list[int]:
