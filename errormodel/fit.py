@@ -136,7 +136,8 @@ def _linearised(
     model: ErrorModel, record: Record, output: FloatArray, values: Mapping[str, float]
 ) -> tuple[FloatArray, FloatArray]:
     """Return the derivative (n, p) and the residual (n,)."""
-    return derivative(model, record, values), output - model.simulate(record, values)
+    predicted, columns = _output_and_derivative(model, record, values)
+    return columns, output - predicted
 
 
 def _single_output(model: ErrorModel, record: Record) -> FloatArray:
@@ -230,14 +231,21 @@ def derivative(model: ErrorModel, record: Record, values: Mapping[str, float]) -
     ndarray, shape (n, p)
         Columns in the order of `model.names`.
     """
-    columns = [model.linear_derivative(record, values)]
+    return _output_and_derivative(model, record, values)[1]
+
+
+def _output_and_derivative(
+    model: ErrorModel, record: Record, values: Mapping[str, float]
+) -> tuple[FloatArray, FloatArray]:
+    output, linear = model.linearise(record, values)
+    columns = [linear]
     for p in model.parameters:
         step = 1e-4 * (p.hi - p.lo)
         lo, hi = max(values[p.name] - step, p.lo), min(values[p.name] + step, p.hi)
         above = model.simulate(record, {**values, p.name: hi})
         below = model.simulate(record, {**values, p.name: lo})
         columns.append(((above - below) / (hi - lo))[:, None])
-    return np.hstack(columns)
+    return output, (np.hstack(columns) if model.parameters else linear)
 
 
 def examine(model: ErrorModel, record: Record, values: Mapping[str, float]) -> Separability:

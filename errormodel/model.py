@@ -177,14 +177,14 @@ class ErrorModel:
         gain, factor, measured = self._factors(design, values)
         return gain * factor * measured, after
 
-    def linear_derivative(self, record: Record, values: Values) -> FloatArray:
-        """Compute the derivative of the output by the coefficients, shape (n, their number)."""
+    def linearise(self, record: Record, values: Values) -> tuple[FloatArray, FloatArray]:
+        """Compute the output (n,) and its derivative by the coefficients (n, their number)."""
         design, _ = self.design(record, values)
         gain, factor, measured = self._factors(design, values)
         by_gain = [(factor * measured)[:, None]] if self.coefficients_in("gain") else []
         by_scale = (gain * measured)[:, None] * design.scale
         by_input = (gain * factor)[:, None] * design.input
-        return np.hstack([*by_gain, by_scale, by_input])
+        return gain * factor * measured, np.hstack([*by_gain, by_scale, by_input])
 
     def _factors(self, design: Design, values: Values) -> tuple[float, FloatArray, FloatArray]:
         """Return the three factors of the output: gain, 1 + Σ scale, base + Σ input."""
