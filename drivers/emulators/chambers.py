@@ -11,6 +11,7 @@ from drivers.emulators.chamber_ramping import F4T, Eurotherm
 from drivers.emulators.faults import FaultPlan
 from drivers.emulators.modbus_server import ModbusServer, Transport
 from drivers.emulators.plant import Plant
+from drivers.emulators.served import Served
 
 Model = Literal["watlow_f4t", "watlow_f4", "eurotherm_3504"]
 
@@ -21,7 +22,7 @@ _CONTROLLERS: Mapping[Model, type[Controller]] = {
 }
 
 
-class ChamberEmulator:
+class ChamberEmulator(Served):
     """A chamber controller on a real socket or pseudo-terminal.
 
     Parameters
@@ -70,23 +71,3 @@ class ChamberEmulator:
             self.controller, faults, transport=transport, unit_id=unit_id,
             host=host, port=port, path=path,
         )  # fmt: skip
-
-    @property
-    def url(self) -> str:
-        """What goes into the station file; known once started."""
-        return self._server.url
-
-    def start(self) -> None:
-        """Open the port and serve."""
-        self._server.start()
-
-    def close(self) -> None:
-        """Stop serving; harmless when done twice."""
-        self._server.close()
-
-    def __enter__(self) -> "ChamberEmulator":
-        self.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()

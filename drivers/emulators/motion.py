@@ -15,6 +15,7 @@ from drivers.clock import Clock
 from drivers.emulators.faults import FaultPlan
 from drivers.emulators.plant import Plant
 from drivers.emulators.serial_server import SerialServer
+from drivers.emulators.served import Served
 
 VERSION = "ESP301 Version 3.0.1 6/1/99"
 AXES = 3
@@ -66,7 +67,7 @@ class _Axis:
     unit: int = UNIT_DEGREE
 
 
-class HeadEmulator:
+class HeadEmulator(Served):
     """An ESP301 on a port.
 
     Parameters
@@ -138,19 +139,6 @@ class HeadEmulator:
             "SR": lambda v: setattr(self._axis, "right_deg", _value(v)),
             "WS": lambda _: None,  # nothing here waits in a queue of commands
         }
-
-    @property
-    def url(self) -> str:
-        """Where it is reached, once started."""
-        return self._server.url
-
-    def start(self) -> None:
-        """Open the port and serve."""
-        self._server.start()
-
-    def close(self) -> None:
-        """Stop serving; harmless when done twice."""
-        self._server.close()
 
     def refuse(self) -> None:
         """Put an error into the buffer."""

@@ -16,6 +16,7 @@ from drivers.emulators.faults import FaultPlan
 from drivers.emulators.plant import Plant
 from drivers.emulators.scpi import ScpiError
 from drivers.emulators.serial_server import SerialServer
+from drivers.emulators.served import Served
 
 IDENTITY = "HEWLETT-PACKARD,34970A,0,13-2-2"
 LINE_PERIOD_S = 0.020
@@ -53,7 +54,7 @@ class _Settings:
     stored: str | None = None
 
 
-class MultimeterEmulator:
+class MultimeterEmulator(Served):
     """A 34970A with three 20-channel multiplexers, on a port.
 
     Parameters
@@ -90,19 +91,6 @@ class MultimeterEmulator:
         self._table = [
             (scpi.header_pattern(header), action) for header, action in self._commands().items()
         ]
-
-    @property
-    def url(self) -> str:
-        """Where it is reached, once started."""
-        return self._server.url
-
-    def start(self) -> None:
-        """Open the port and serve."""
-        self._server.start()
-
-    def close(self) -> None:
-        """Stop serving; harmless when done twice."""
-        self._server.close()
 
     def refuse(self) -> None:
         """Put an error into the queue."""
