@@ -106,13 +106,6 @@ class NoiseModel:
         data = np.ascontiguousarray(columns, dtype=float)
         return _whiten(record.time_s, record.run, self.ratio2, self.drift_tau_s, data)
 
-    def covariance_times(self, record: Record, columns: FloatArray) -> FloatArray:
-        """Return the noise's covariance matrix times `columns` (n, m), in linear time."""
-        white = self.white**2 * columns
-        if self.drift == 0.0:
-            return white
-        return white + self.drift**2 * correlate(record, self.drift_tau_s, columns)
-
     def scaled(self, factor: float) -> "NoiseModel":
         """Return the same shape of noise, `factor` times as large."""
         return NoiseModel(

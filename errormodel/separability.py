@@ -18,16 +18,10 @@ class Separability:
     """What a set of columns can and cannot separate.
 
     `confounded` holds groups of names that can only be had in combination (a group of one: no
-    effect at all). `condition` is that of the columns scaled to unit length.
+    effect at all).
     """
 
-    condition: float
     confounded: tuple[tuple[str, ...], ...]
-
-    @property
-    def unseen(self) -> frozenset[str]:
-        """Every name in a confounded group."""
-        return frozenset(name for group in self.confounded for name in group)
 
 
 def separability(
@@ -49,13 +43,11 @@ def separability(
     """
     p = columns.shape[1]
     if p == 0:
-        return Separability(condition=1.0, confounded=())
+        return Separability(confounded=())
     norms = np.linalg.norm(columns, axis=0)
     present = norms > 0
     scaled = columns / np.where(present, norms, 1.0)
     triangle = triangle_of(scaled)
-    singular = linalg.svdvals(triangle[:, present]) if present.any() else np.ones(1)
-    condition = float(singular[0] / max(singular[-1], 1e-300))
     groups: list[set[str]] = [{names[j]} for j in range(p) if not present[j]]
     seen: list[int] = np.flatnonzero(present).tolist()
     for j in seen:
@@ -69,7 +61,7 @@ def separability(
                 if s > PARTNER_SHARE * size.max()
             }
             groups.append({names[j]} | partners)
-    return Separability(condition=condition, confounded=_merged(groups, names))
+    return Separability(confounded=_merged(groups, names))
 
 
 def _explain(column: FloatArray, others: FloatArray) -> tuple[FloatArray, float]:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from errormodel.noise import NoiseModel, estimate_noise
+from errormodel.noise import NoiseModel, correlate, estimate_noise
 from errormodel.record import Record
 
 
@@ -35,7 +35,8 @@ def test_covariance_product_in_linear_time_is_the_dense_one() -> None:
     record = uneven_record()
     columns = np.random.default_rng(0).standard_normal((len(record), 3))
     expected = covariance(record, NOISE) @ columns
-    assert_allclose(NOISE.covariance_times(record, columns), expected, rtol=1e-10)
+    drift = NOISE.drift**2 * correlate(record, NOISE.drift_tau_s, columns)
+    assert_allclose(NOISE.white**2 * columns + drift, expected, rtol=1e-10)
 
 
 def test_samples_have_the_covariance_they_claim() -> None:
