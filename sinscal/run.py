@@ -1,14 +1,23 @@
 """What a SINS on a rig recorded: raw sensors (with or without the rig's angle), or its outputs."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from errormodel.arrays import FloatArray, IntArray, freeze, readonly, readonly_int
 from sinscal.earth import Site
 
 AXES = ("x", "y", "z")
+BoolArray = NDArray[np.bool_]
+
+
+def _slices(cycle: IntArray) -> tuple[slice, ...]:
+    edges = np.flatnonzero(np.diff(cycle)) + 1
+    bounds = pairwise([0, *edges.tolist(), cycle.size])
+    return tuple(slice(a, b) for a, b in bounds if b > a)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -71,12 +80,14 @@ class RigRun:
     facts: RigFacts
     temp_c: FloatArray | None = None
     rig_angle_rad: FloatArray | None = None
-    flag: FloatArray | None = None
+    flag: BoolArray | None = None
     source: str = "the run"
     warnings: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         n = np.size(self.time_s)
+        flag = np.zeros(n, dtype=np.bool_) if self.flag is None else np.array(self.flag, bool)
+        flag.flags.writeable = False
         freeze(
             self,
             time_s=readonly(self.time_s),
@@ -86,7 +97,7 @@ class RigRun:
             accel=readonly(self.accel),
             temp_c=None if self.temp_c is None else readonly(self.temp_c),
             rig_angle_rad=None if self.rig_angle_rad is None else readonly(self.rig_angle_rad),
-            flag=readonly(np.zeros(n) if self.flag is None else self.flag),
+            flag=flag,
         )
         for name, width in (("gyro", 3), ("accel", 3), ("temp_c", 3)):
             array = getattr(self, name)
@@ -99,24 +110,15 @@ class RigRun:
     @property
     def cycles(self) -> tuple[slice, ...]:
         """The rows of each cycle."""
-        edges = np.flatnonzero(np.diff(self.cycle)) + 1
-        bounds = [0, *edges.tolist(), len(self)]
-        return tuple(slice(a, b) for a, b in zip(bounds[:-1], bounds[1:], strict=True) if b > a)
+        return _slices(self.cycle)
 
     def take_cycles(self, wanted: Sequence[int]) -> "RigRun":
         """Return some of the cycles as a run of their own, numbered anew."""
         slices = self.cycles
         rows = np.concatenate([np.arange(len(self))[slices[k]] for k in wanted])
         axes = self.facts.axis_of_cycle
-        facts = RigFacts(
-            site=self.facts.site,
-            axis_of_cycle=None if axes is None else tuple(axes[k] for k in wanted),
-            azimuth_rad=self.facts.azimuth_rad,
-            azimuth_sigma_rad=self.facts.azimuth_sigma_rad,
-            gyro_noise=self.facts.gyro_noise,
-            accel_noise=self.facts.accel_noise,
-            angle_noise=self.facts.angle_noise,
-        )
+        kept = None if axes is None else tuple(axes[k] for k in wanted)
+        facts = replace(self.facts, axis_of_cycle=kept)
         number = {old: new for new, old in enumerate(wanted)}
         flag = np.asarray(self.flag)
         return RigRun(
@@ -179,6 +181,4 @@ class NavRun:
     @property
     def cycles(self) -> tuple[slice, ...]:
         """The rows of each cycle."""
-        edges = np.flatnonzero(np.diff(self.cycle)) + 1
-        bounds = [0, *edges.tolist(), len(self)]
-        return tuple(slice(a, b) for a, b in zip(bounds[:-1], bounds[1:], strict=True) if b > a)
+        return _slices(self.cycle)
