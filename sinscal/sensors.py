@@ -8,6 +8,7 @@ an accelerometer counts in g and stands here unchanged, as terms of that channel
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
@@ -93,7 +94,7 @@ class SensorModel:
     def places(self) -> tuple[slice, ...]:
         """Where each channel's unknowns stand among `names`."""
         edges = np.cumsum([0, *(len(c.model.names) for c in self.channels)]).tolist()
-        return tuple(slice(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True))
+        return tuple(slice(a, b) for a, b in pairwise(edges))
 
     @cached_property
     def owner(self) -> tuple[int, ...]:
@@ -123,6 +124,11 @@ class SensorModel:
             Channel(id=c.id, model=model, unit=unit) if c.id == wanted else c for c in self.channels
         ]
         return replace(self, channels=tuple(changed))
+
+    def with_angle_groups(self, groups: Sequence[str]) -> "SensorModel":
+        """Return the sensors with the angle's channel made of the groups named."""
+        angle = Channel(id=ANGLE, model=ErrorModel(terms_of(ANGLE, groups), "angle_rad"))
+        return replace(self, channels=(*self.channels[:6], angle))
 
     def errors(self, motion: Motion, values: FloatArray) -> FloatArray:
         """Compute measured minus true of the six sensors, SI, shape (n, 6)."""

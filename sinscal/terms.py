@@ -36,9 +36,7 @@ class ChannelId:
         return AXES[self.axis]
 
 
-CHANNELS = tuple(
-    ChannelId(kind=kind, axis=axis) for kind in ("gyro", "accel") for axis in range(3)
-)
+CHANNELS = tuple(ChannelId(kind=kind, axis=axis) for kind in ("gyro", "accel") for axis in range(3))
 ANGLE = ChannelId(kind="angle", axis=0)
 
 

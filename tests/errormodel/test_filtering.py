@@ -84,9 +84,7 @@ def test_signatures_are_what_a_planted_effect_adds_to_the_innovations() -> None:
         extra.append(steps.h[k] @ full + in_h[k] @ size)
         full = np.concatenate([steps.phi[k] @ full + in_phi[k] @ size, full[LEAD:]])
         pushed.append(full)
-    planted = Steps(
-        h=steps.h, z=steps.z + np.array(extra), r=steps.r, phi=steps.phi, q=steps.q
-    )
+    planted = Steps(h=steps.h, z=steps.z + np.array(extra), r=steps.r, phi=steps.phi, q=steps.q)
     with_effect = run_filter(start, planted)
     found = signatures(steps, plain.gains, in_h, in_phi) @ size
     difference = with_effect.innovation - plain.innovation
