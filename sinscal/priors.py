@@ -55,6 +55,8 @@ class RigPrior:
         Of the platform's attitude at angle zero, each axis; a wide one leaves it to the data.
     start_sigma_rad : float
         Of a cycle's start attitude about the one found by levelling.
+    azimuth_sigma_rad : float, optional
+        Of its azimuth, each cycle by itself; None: as the rest of the attitude.
     """
 
     values: FloatArray
@@ -63,6 +65,7 @@ class RigPrior:
     remount_sigma_rad: float = 0.0
     base_sigma_rad: float = 0.5
     start_sigma_rad: float = 0.5
+    azimuth_sigma_rad: float | None = None
 
     def __post_init__(self) -> None:
         freeze(self, values=readonly(self.values), cov=readonly(self.cov))

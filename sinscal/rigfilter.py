@@ -283,7 +283,7 @@ def _with_angle(
     mount = platform_mount(nominal, k)
     speed = true.w @ (mount.T @ unit)
     turn = 0.5 * (speed + np.append(speed[1:], speed[-1]))
-    angle = cycle.angle - sensors.angle_error(cycle.angle, turn, nominal.values)
+    angle = sensors.true_angle(true.time_s, cycle.angle, turn, nominal.values)
     c_np = nominal.base[k] @ rotation(angle[:, None] * unit)
     apart = small_rotvec((c_np @ mount) @ np.swapaxes(found.c_end, 1, 2))
     along = nominal.base[k] @ unit

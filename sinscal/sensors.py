@@ -17,7 +17,7 @@ from errormodel.fit import derivative
 from errormodel.model import ErrorModel
 from errormodel.record import Record
 from sinscal.run import AXES
-from sinscal.terms import ANGLE, BASIC, CHANNELS, ChannelId, terms_of
+from sinscal.terms import ANGLE, BASIC, CHANNELS, TIME_OFFSET, ChannelId, terms_of
 
 T_REF_C = 25.0
 # A chamber's terms see temperature smoothed as in the chamber; a rig's temperature is smooth.
@@ -172,8 +172,27 @@ class SensorModel:
         model = self.channels[6].model
         return derivative(model, _angle_record(angle, turn), model.start_values())
 
+    def true_angle(
+        self, time_s: FloatArray, angle: FloatArray, turn: FloatArray, values: FloatArray
+    ) -> FloatArray:
+        """Return the angle behind measured ones, rad, shape (n,): the inverse of its channel.
+
+        An offset of the clock is undone by shifting the record, so that it holds through
+        reversals; beyond its ends the angle goes on at its last rate.
+        """
+        mine = dict(zip(self.channels[6].model.names, values[self.places[6]].tolist(), strict=True))
+        offset = mine.get(TIME_OFFSET, 0.0)
+        if offset:
+            at = time_s - offset
+            inside = np.clip(at, time_s[0], time_s[-1])
+            ends = np.where(at < time_s[0], turn[0], turn[-1])
+            angle = np.interp(inside, time_s, angle) + (at - inside) * ends
+        model = self.channels[6].model
+        record = _angle_record(angle, turn)
+        return angle - (model.simulate(record, {**mine, TIME_OFFSET: 0.0}) - angle)
+
     def angle_error(self, angle: FloatArray, turn: FloatArray, values: FloatArray) -> FloatArray:
-        """Compute measured minus true angle, rad, shape (n,)."""
+        """Compute measured minus true angle to first order, rad, shape (n,)."""
         model = self.channels[6].model
         mine = dict(zip(model.names, values[self.places[6]].tolist(), strict=True))
         return model.simulate(_angle_record(angle, turn), mine) - angle

@@ -19,6 +19,7 @@ from errormodel.terms import Coefficient, Term, memoryless
 from sinscal.run import AXES
 
 Kind = Literal["gyro", "accel", "angle"]
+TIME_OFFSET = "rig_time_offset"
 # A motion that differs from the others by less than this share of its size tells nothing.
 MIN_SHARE = 1e-6
 
@@ -179,9 +180,9 @@ def _time_offset(c: ChannelId) -> Term:
     del c
     sentence = "The rig's clock is ahead: its angle belongs to a later time."
     return _term(
-        "rig_time_offset",
+        TIME_OFFSET,
         sentence,
-        [("rig_time_offset", "τ", "s", _signal("turn_rad_s"))],
+        [(TIME_OFFSET, "τ", "s", _signal("turn_rad_s"))],
     )
 
 
@@ -220,7 +221,7 @@ GROUPS: dict[str, tuple[tuple[Kind, ...], Callable[[ChannelId], Term | None]]] =
     "lever_arm": (("accel",), _lever_arm),
     "accel_temperature_bias": (("accel",), _temperature_bias),
     "accel_temperature_scale": (("accel",), _temperature_scale),
-    "rig_time_offset": (("angle",), _time_offset),
+    TIME_OFFSET: (("angle",), _time_offset),
     "rig_angle_harmonic": (("angle",), harmonic(1)),
     "rig_angle_harmonic_2": (("angle",), harmonic(2)),
 }
