@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from errormodel.arrays import FloatArray
+from sinscal.attitude import skew
 from sinscal.earth import Site
 from sinscal.integrate import attitudes
 from sinscal.layout import RigLayout
@@ -30,12 +31,13 @@ def level(cycle: CycleData, sensors: SensorModel, values: FloatArray) -> FloatAr
     )
     good = early & cycle.good
     chosen = good[early]
-    up = np.einsum("nij,nj->i", middle[chosen], true.f[early][chosen])
-    up = up / np.linalg.norm(up)
+    forces = (middle[chosen] @ true.f[early][chosen][:, :, None])[:, :, 0]
+    up: FloatArray = np.sum(forces, axis=0)
+    up = up / float(np.linalg.norm(up))
     seed = np.eye(3)[int(np.argmin(np.abs(up)))]
-    east = np.cross(seed, up)
-    east = east / np.linalg.norm(east)
-    return np.vstack([east, np.cross(up, east), up])
+    east = skew(seed) @ up
+    east = east / float(np.linalg.norm(east))
+    return np.vstack([east, skew(up) @ east, up])
 
 
 def level_nominal(

@@ -182,21 +182,15 @@ def _result(
 ) -> RigCalibration:
     x, cov = ended.filtered.state.x, ended.filtered.state.cov
     last = ended.nominal.improved(x, layout)
-    unknown = layout.unknowns
-    order = np.arange(unknown.start, unknown.stop)
-    values, names = last.values, rig.sensors.names
-    if layout.angle:
-        mount = np.arange(layout.mount.start, layout.mount.stop)
-        order = np.concatenate([order, mount])
-        values = np.concatenate([values, last.mount])
-        names = (*names, *(layout.names[i] for i in mount))
+    order = layout.reported
+    values = np.append(last.values, last.mount) if layout.angle else last.values
     lengths = [c.first.size - 1 for c in rig.cycles]
     cycle_of_step = np.concatenate([[-1] + [k] * m for k, m in enumerate(lengths)])
     times = [np.concatenate([[0.0], c.measured.time_s[c.first[1:] - 1]]) for c in rig.cycles]
     return RigCalibration(
         mode=mode,
         sensors=rig.sensors,
-        names=names,
+        names=tuple(layout.names[i] for i in order),
         values=values,
         cov=cov[np.ix_(order, order)],
         layout=layout,

@@ -17,6 +17,7 @@ import numba
 import numpy as np
 
 from errormodel.arrays import FloatArray, IntArray
+from sinscal.run import BoolArray
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -198,7 +199,7 @@ def integrate(
     w: FloatArray,
     f: FloatArray,
     step_s: FloatArray,
-    good: FloatArray,
+    good: FloatArray | BoolArray,
     columns: FloatArray,
     axis: IntArray,
     n_gyro: int,

@@ -89,6 +89,12 @@ class RigLayout:
         return self.at(f"rig_remount_{k + 1}_x", 3)
 
     @property
+    def reported(self) -> list[int]:
+        """Where what a calibration reports stands: the sensors' unknowns, then the mounting."""
+        mount = [*range(self.mount.start, self.mount.stop)] if self.angle else []
+        return [*range(self.unknowns.start, self.unknowns.stop), *mount]
+
+    @property
     def unknowns(self) -> slice:
         """Where the sensor model's unknowns stand."""
         return slice(self.size - len(self.parameters), self.size)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from errormodel.arrays import FloatArray, IntArray, freeze, readonly, readonly_int
-from sinscal.attitude import rotation
+from sinscal.attitude import rotation, skew
 from sinscal.earth import Site
 from sinscal.programme import AngleLaw, Cycle, Programme, angle_law
 from sinscal.run import AXES
@@ -119,7 +119,7 @@ def platform_at_zero(axis: int, azimuth_rad: float, tilt_rad: float) -> FloatArr
     c = np.empty((3, 3))
     c[:, axis] = along
     c[:, (axis + 1) % 3] = level
-    c[:, (axis + 2) % 3] = np.cross(along, level)
+    c[:, (axis + 2) % 3] = skew(along) @ level
     return c
 
 
@@ -190,10 +190,11 @@ def _cycle_motion(
         return zero @ turned @ mount
 
     angle, turn, _ = law.at(edges)
-    w = np.outer(np.diff(angle) / step, along)
+    w = (np.diff(angle) / step)[:, None] * along
     f = np.zeros((n, 3))
+    tangential = skew(along) @ np.array(faults.eccentric_m)
+    centripetal = skew(along) @ tangential
     up = np.array([0.0, 0.0, site.gravity_m_s2])
-    offset = np.array(faults.eccentric_m)
     for place, weight in zip(*_GAUSS, strict=True):
         at_s = edges[:-1] + 0.5 * step * (1.0 + float(place))
         c_bn = np.swapaxes(attitude(at_s), 1, 2)
@@ -201,9 +202,9 @@ def _cycle_motion(
         w += share * (c_bn @ site.earth_rate)
         f += share * (c_bn @ up)
         _, speed, change = law.at(at_s)
-        f += share * np.outer(speed**2, np.cross(along, np.cross(along, offset)))
-        f += share * np.outer(change, np.cross(along, offset))
-    dw = np.outer(np.diff(turn) / step, along)
+        f += share * (speed**2)[:, None] * centripetal
+        f += share * change[:, None] * tangential
+    dw = (np.diff(turn) / step)[:, None] * along
     motion = Motion(time_s=edges[1:], step_s=np.full(n, step), w=w, f=f, dw=dw)
     c_nb = attitude(edges)
     return CycleMotion(

@@ -9,8 +9,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
+from typing import cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from errormodel.arrays import FloatArray, freeze, readonly
 from errormodel.fit import derivative
@@ -185,8 +187,8 @@ class SensorModel:
         if offset:
             at = time_s - offset
             inside = np.clip(at, time_s[0], time_s[-1])
-            ends = np.where(at < time_s[0], turn[0], turn[-1])
-            angle = np.interp(inside, time_s, angle) + (at - inside) * ends
+            between = cast(FloatArray, np.interp(inside, time_s, angle))
+            angle = between + (at - inside) * ends_of(turn, at < time_s[0])
         model = self.channels[6].model
         record = _angle_record(angle, turn)
         return angle - (model.simulate(record, {**mine, TIME_OFFSET: 0.0}) - angle)
@@ -209,6 +211,11 @@ class SensorModel:
             signals["x_c"] = signals["x_slow_c"] = x
             signals["rate_c_per_min"] = _slope(motion.time_s, x) * 60.0
         return Record(time_s=motion.time_s, signals=signals)
+
+
+def ends_of(values: FloatArray, at_start: NDArray[np.bool_]) -> FloatArray:
+    """Return the first or the last of some values, by a mask, in its shape."""
+    return values[np.asarray(~at_start, dtype=np.intp) * (values.size - 1)]
 
 
 def _angle_record(angle: FloatArray, turn: FloatArray) -> Record:

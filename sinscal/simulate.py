@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from typing import cast
 
 import numpy as np
 from scipy.signal import lfilter
@@ -9,7 +10,7 @@ from scipy.signal import lfilter
 from errormodel.arrays import FloatArray
 from sinscal.motion import CycleMotion, RigFaults, RigMotion
 from sinscal.run import RigFacts, RigRun
-from sinscal.sensors import Motion, SensorModel, as_vector
+from sinscal.sensors import Motion, SensorModel, as_vector, ends_of
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -90,7 +91,10 @@ def simulate_rig(
     vector = as_vector(sensors, values)
     faults = faults or RigFaults()
     drifts = {kind: _start(rng) for kind in ("gyro", "accel")}
-    gyro, accel, temp, angle = [], [], [], []
+    gyro: list[FloatArray] = []
+    accel: list[FloatArray] = []
+    temp: list[FloatArray] = []
+    angle: list[FloatArray] = []
     for k, cycle in enumerate(true.cycles):
         motion = cycle.motion
         if warming is not None:
@@ -144,7 +148,8 @@ def _noise(
     step = float(motion.step_s[0])
     keep = np.exp(-step / noise.instability_tau_s)
     kicks = np.sqrt(1.0 - keep**2) * rng.standard_normal((n, 3))
-    walk, _ = lfilter([1.0], [1.0, -keep], kicks, axis=0, zi=keep * drift[None, :])
+    start = keep * drift[None, :]
+    walk = cast(FloatArray, lfilter([1.0], [1.0, -keep], kicks, axis=0, zi=start)[0])
     drift[:] = walk[-1]
     return out + instability * walk
 
@@ -170,11 +175,10 @@ def _angle(
     motion = cycle.motion
     # later or earlier by τ along the true motion; beyond its ends it goes on at the last rate
     t = motion.time_s
-    late = np.interp(t + faults.clock_offset_s, t, cycle.angle)
-    out_of = np.clip(t + faults.clock_offset_s, t[0], t[-1])
-    late = late + (t + faults.clock_offset_s - out_of) * np.where(
-        out_of == t[0], cycle.turn[0], cycle.turn[-1]
-    )
+    at = t + faults.clock_offset_s
+    inside = np.clip(at, t[0], t[-1])
+    late = cast(FloatArray, np.interp(inside, t, cycle.angle))
+    late = late + (at - inside) * ends_of(cycle.turn, at < t[0])
     read = late + sensors.angle_error(late, cycle.turn, vector)
     for order, sine, cosine in faults.harmonics:
         read = read + sine * np.sin(order * late) + cosine * np.cos(order * late)

@@ -9,6 +9,7 @@ triangular, so that x's has no misalignment, y's one (from x) and z's two.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -152,7 +153,7 @@ def _lever_arm(c: ChannelId) -> Term:
             f"lever_arm_{c.letter}_{AXES[j]}",
             f"r{c.letter}{AXES[j]}",
             "m",
-            (lambda r, j=j: lever_column(r, c.axis, j)),
+            partial(lever_column, axis=c.axis, component=j),
         )
         for j in range(3)
     ]
@@ -186,6 +187,10 @@ def _time_offset(c: ChannelId) -> Term:
     )
 
 
+def _periodic(record: Record, order: int, quarter: float) -> FloatArray:
+    return np.sin(order * record["angle_rad"] + quarter)
+
+
 def harmonic(order: int) -> Callable[[ChannelId], Term]:
     """Return the maker of the angle's error of `order` periods a turn."""
 
@@ -196,9 +201,9 @@ def harmonic(order: int) -> Callable[[ChannelId], Term]:
                 f"rig_angle_harmonic_{order}_{part}",
                 f"κ{order}{part[0]}",
                 "rad",
-                (lambda r, fn=fn: fn(order * r["angle_rad"])),
+                partial(_periodic, order=order, quarter=quarter),
             )
-            for part, fn in (("sin", np.sin), ("cos", np.cos))
+            for part, quarter in (("sin", 0.0), ("cos", 0.5 * np.pi))
         ]
         sentence = f"The encoder's error has {order} period(s) a turn."
         return _term(f"rig_angle_harmonic_{order}", sentence, parts)
