@@ -13,7 +13,6 @@ from errormodel.arrays import FloatArray, IntArray
 from errormodel.errors import InputError
 from errormodel.tables import RawTable
 from sinscal.recording_rows import (
-    Bools,
     check_times,
     cycles_of,
     fail,
@@ -24,7 +23,7 @@ from sinscal.recording_rows import (
     stretches,
     temperatures,
 )
-from sinscal.run import AXES, RigFacts, RigRun
+from sinscal.run import AXES, BoolArray, RigFacts, RigRun
 
 BRIDGE = 5  # steps
 GAP = 1.5  # steps: a longer one misses a row
@@ -44,9 +43,9 @@ class _Rows:
     accel: FloatArray
     temp_c: FloatArray | None
     angle: FloatArray | None
-    flag: Bools
+    flag: BoolArray
 
-    def take(self, rows: IntArray | Bools) -> "_Rows":
+    def take(self, rows: IntArray | BoolArray) -> "_Rows":
         return _Rows(
             row=self.row[rows],
             time_s=self.time_s[rows],
@@ -144,7 +143,7 @@ def _triple(raw: RawTable, mean: str, increment: str, own_s: FloatArray) -> Floa
 
 def _without_long_dropouts(raw: RawTable, rows: _Rows, warnings: list[str]) -> _Rows:
     """Take out rows without gyros where too many stand together, or at a cycle's ends."""
-    empty = np.isnan(rows.gyro).any(axis=1)
+    empty: BoolArray = np.isnan(rows.gyro).max(axis=1)
     if not empty.any():
         return rows
     keep = np.ones_like(empty)
@@ -162,7 +161,7 @@ def _without_long_dropouts(raw: RawTable, rows: _Rows, warnings: list[str]) -> _
 def _bridged_dropouts(raw: RawTable, rows: _Rows, warnings: list[str]) -> _Rows:
     """Fill empty cells of sensors and angle by straight lines and flag their rows."""
     angle = np.zeros(rows.row.size) if rows.angle is None else rows.angle
-    empty = np.isnan(np.column_stack([rows.gyro, rows.accel, angle])).any(axis=1)
+    empty: BoolArray = np.isnan(np.column_stack([rows.gyro, rows.accel, angle])).max(axis=1)
     if not empty.any():
         return rows
     for a, _ in stretches(empty):
@@ -179,7 +178,7 @@ def _bridged_dropouts(raw: RawTable, rows: _Rows, warnings: list[str]) -> _Rows:
     )
 
 
-def _refuse_many(raw: RawTable, rows: _Rows, empty: Bools, at: int) -> None:
+def _refuse_many(raw: RawTable, rows: _Rows, empty: BoolArray, at: int) -> None:
     mine = rows.cycle == rows.cycle[at]
     share = float(np.mean(empty[mine]))
     if share > MAX_MISSING:
@@ -214,7 +213,7 @@ def _with_steps(
         accel=rows.accel,
         temp_c=rows.temp_c,
         rig_angle_rad=rows.angle,
-        flag=rows.flag.astype(float),
+        flag=rows.flag,
         facts=replace(facts, axis_of_cycle=None if axes is None else tuple(axes[k] for k in old)),
         source=raw.source,
         warnings=tuple(warnings),
@@ -226,7 +225,7 @@ def _bridged_holes(
     rows: _Rows,
     step: FloatArray,
     usual: FloatArray,
-    bridge: Bools,
+    bridge: BoolArray,
     warnings: list[str],
 ) -> _Rows:
     """Let the row after a short hole stand for the hole too: its mean over both."""
@@ -246,7 +245,7 @@ def _bridged_holes(
 
 
 def _split(
-    raw: RawTable, rows: _Rows, step: FloatArray, split: Bools, warnings: list[str]
+    raw: RawTable, rows: _Rows, step: FloatArray, split: BoolArray, warnings: list[str]
 ) -> tuple[_Rows, FloatArray, list[int]]:
     """Return rows with the pieces of cycles as cycles, their steps, and each one's old number."""
     starts = np.flatnonzero(split | np.concatenate([[True], np.diff(rows.cycle) != 0]))

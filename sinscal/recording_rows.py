@@ -1,17 +1,14 @@
 """What any recorded rig table must be: times that increase in cycles that stand together."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from errormodel.arrays import FloatArray, IntArray
 from errormodel.errors import InputError
 from errormodel.tables import RawTable
-from sinscal.run import AXES
+from sinscal.run import AXES, BoolArray
 
 GOOD_FLAGS = frozenset({"", "0", "0.0", "ok"})
 TEMP_RANGE_C = (-100.0, 200.0)  # no sensor works outside; kelvin stands out
-
-Bools = NDArray[np.bool_]
 
 
 def fail(raw: RawTable, row: int, problem: str) -> InputError:
@@ -19,7 +16,7 @@ def fail(raw: RawTable, row: int, problem: str) -> InputError:
     return InputError(raw.source, raw.place(int(row)), problem)
 
 
-def stretches(mask: Bools) -> list[tuple[int, int]]:
+def stretches(mask: BoolArray) -> list[tuple[int, int]]:
     """Return the runs of true values as (first, one past the last)."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
     return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
@@ -109,7 +106,7 @@ def temperatures(raw: RawTable, cycle: IntArray) -> FloatArray | None:
     return np.broadcast_to(interpolated(values, cycle), (cycle.size, 3)).copy()
 
 
-def flags(raw: RawTable) -> Bools:
+def flags(raw: RawTable) -> BoolArray:
     """Return which rows the file marks as not to be used, shape (n,)."""
     if "flag" not in raw.text:
         return np.zeros(raw.number["time_s"].size, dtype=np.bool_)

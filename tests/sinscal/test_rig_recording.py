@@ -48,7 +48,7 @@ def made(n: int, seed: int, *, temps: int = 0, angle: bool = False, cycles: int 
         accel=rng.standard_normal((n, 3)) * 10.0 ** rng.integers(-9, 9),
         temp_c=None if temps == 0 else temp if temps == 3 else np.repeat(temp[:, :1], 3, axis=1),
         rig_angle_rad=rng.standard_normal(n) if angle else None,
-        flag=(rng.uniform(size=n) < 0.1).astype(float),
+        flag=rng.uniform(size=n) < 0.1,
         facts=RigFacts(
             site=SITE,
             axis_of_cycle=("x", "y", "z")[: int(cycle[-1]) + 1],
