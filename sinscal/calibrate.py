@@ -139,7 +139,7 @@ def calibrate(
     noise = noise or noise_of(run.facts, mode)
     cycles = cycle_data(run, interval_s)
     rig = RigFilter(facts=run.facts, cycles=cycles, sensors=sensors, prior=prior, noise=noise)
-    nominal, north = rig.find_north()
+    nominal, north = rig.find_north(interval_s)
     if mode == "precise":
         nominal = rig.with_platform(nominal)
     layout = rig.layout(angle=mode == "precise")

@@ -19,7 +19,9 @@ from sinscal.layout import RigLayout
 from sinscal.run import AXES, BoolArray, RigRun
 from sinscal.sensors import Motion, SensorModel, rate_derivative
 
-ANGLE_COLUMNS = 3
+# Where north is only sought, steps are put together up to so long and so much of a turn.
+THIN_STEP_S = 0.1
+THIN_TURN_RAD = 0.02
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -59,6 +61,34 @@ class CycleData:
     first: IntArray
     axis: int | None
     angle: FloatArray | None
+
+    def thinned(self, interval_s: float) -> "CycleData":
+        """Return the cycle with steps put together as far as little turns within one."""
+        m = self.measured
+        fastest = float(np.max(np.linalg.norm(m.w, axis=1), initial=1e-9))
+        wanted_s = min(THIN_STEP_S, THIN_TURN_RAD / fastest)
+        every = int(wanted_s / float(np.median(m.step_s)) + 1e-6)
+        if every < 2:
+            return self
+        edges = np.arange(0, len(m), every)
+        last = np.append(edges[1:], len(m)) - 1
+        step_s = np.add.reduceat(m.step_s, edges)
+
+        def mean(values: FloatArray) -> FloatArray:
+            return np.add.reduceat(values * m.step_s[:, None], edges) / step_s[:, None]
+
+        w = mean(m.w)
+        motion = Motion(
+            time_s=m.time_s[last], step_s=step_s, w=w, f=mean(m.f), dw=rate_derivative(w, step_s),
+            temp_c=None if m.temp_c is None else mean(m.temp_c),
+        )  # fmt: skip
+        return replace(
+            self,
+            measured=motion,
+            good=np.logical_and.reduceat(self.good, edges),
+            first=interval_rows(motion.time_s, motion.step_s, interval_s),
+            angle=None if self.angle is None else self.angle[last],
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
