@@ -82,18 +82,13 @@ class PriorFile(BaseModel):
     remount_sigma_rad: Annotated[float, Field(ge=0, le=1)] = 0.0
 
 
-def group_of(name: str) -> str:
+def group_of(name: str) -> str | None:
     """Return the group an unknown belongs to: the longest group name that begins its own.
 
-    Raises
-    ------
-    KeyError
-        If it is no unknown of `sinscal.terms`.
+    None if it is no unknown of `sinscal.terms`: a chamber's coefficient.
     """
     found = [g for g in GROUPS if name == g or name.startswith(f"{g}_")]
-    if not found:
-        raise KeyError(f"{name} belongs to no group")
-    return max(found, key=len)
+    return max(found, key=len) if found else None
 
 
 def make_prior(sensors: SensorModel, file: PriorFile | None = None) -> RigPrior:
@@ -112,7 +107,7 @@ def make_prior(sensors: SensorModel, file: PriorFile | None = None) -> RigPrior:
             if name not in known or (part == "mean" and name not in names):
                 raise InputError("the priors", f"{part}.{name}", "not an unknown of this model")
     sigma = {**GROUP_SIGMAS, **given.sigma}
-    sigmas = np.array([sigma.get(name, sigma.get(group_of(name), 0.0)) for name in names])
+    sigmas = np.array([sigma.get(n, sigma.get(group_of(n) or "", 0.0)) for n in names])
     values = sensors.start_values()
     for name, value in given.mean.items():
         values[names.index(name)] = value
