@@ -26,7 +26,8 @@ from sinscal.navigation_errors import (
     hold_height,
     navigation_dynamics,
 )
-from sinscal.residual_errors import GROUP_OF, GROUPS, Calibration, sensor_errors
+from sinscal.residual_errors import Calibration, at_rest, error_columns
+from sinscal.sensors import Motion
 from sinscal.trajectory import Flight, FlightPlan, fly
 
 STEP_S = 1.0  # of the Runge-Kutta integration: the snake's periods are of minutes
@@ -131,7 +132,7 @@ def flight_sensitivity(
     ----------
     plan : FlightPlan
     names : tuple of str
-        Parameters, see `sinscal.residual_errors.GROUPS`.
+        Parameters, see `sinscal.residual_errors`.
     noise : SensorNoise, optional
         None when not given.
     every_s : float
@@ -148,13 +149,13 @@ def flight_sensitivity(
     if every < 1 or steps < every:
         raise ValueError(f"an output every {every_s:g} s does not fit into {plan.duration_s:g} s")
     flight = fly(plan, STEP_S / 2.0)
-    on_gyros, on_accels = _regressors(flight, names)
+    columns = _columns(flight, names)
     psi, noise_cov = _propagate(
         flight.lat_rad,
         flight.velocity,
         np.einsum("kij,kj->ki", flight.c_nb, flight.accel),
         plan.height_m,
-        np.concatenate([-flight.c_nb @ on_gyros, flight.c_nb @ on_accels], axis=1),
+        np.concatenate([-flight.c_nb @ columns[:, :3], flight.c_nb @ columns[:, 3:]], axis=1),
         alignment_map(plan, names),
         alignment_noise_cov(plan, noise),
         np.array([noise.gyro**2] * 3 + [noise.accel**2] * 2 + [0.0] * 4),
@@ -192,11 +193,10 @@ def assess(sensitivity: Sensitivity, calibration: Calibration) -> FlightCovarian
     )
     rho2 = by_parameter.sum(axis=1) + by_noise
     safe = np.where(rho2 > 0.0, rho2, 1.0)
-    groups = np.array([GROUP_OF[name] for name in calibration.names])
+    groups = np.array(calibration.groups)
     share = {
         group: by_parameter[:, groups == group].sum(axis=1) / safe
-        for group in GROUPS
-        if (groups == group).any()
+        for group in dict.fromkeys(calibration.groups)
     }
     return FlightCovariance(
         time_s=sensitivity.time_s,
@@ -213,12 +213,11 @@ def alignment_map(plan: FlightPlan, names: tuple[str, ...]) -> FloatArray:
     Position and velocity are known at the start.
     """
     c_nb = plan.start_attitude
-    rate = earth_rate_enu(plan.latitude_rad)
-    gyro, accel = (c_nb.T @ rate)[None], (c_nb.T @ [0.0, 0.0, plan.gravity_m_s2])[None]
+    rate = c_nb.T @ earth_rate_enu(plan.latitude_rad)
+    force = c_nb.T @ np.array([0.0, 0.0, plan.gravity_m_s2])
+    columns = error_columns(names, at_rest(rate, force))[0]
     out = np.zeros((N_STATES, len(names)))
-    for k, name in enumerate(names):
-        dw, df = sensor_errors({name: 1.0}, gyro, accel, np.zeros((1, 3)))
-        out[PHI, k] = _align_jacobian(plan) @ np.concatenate([c_nb @ dw[0], c_nb @ df[0]])
+    out[PHI] = _align_jacobian(plan) @ np.concatenate([c_nb @ columns[:3], c_nb @ columns[3:]])
     return out
 
 
@@ -242,11 +241,16 @@ def _align_jacobian(plan: FlightPlan) -> FloatArray:
     return out
 
 
-def _regressors(flight: Flight, names: tuple[str, ...]) -> tuple[FloatArray, FloatArray]:
-    """Return ∂δω/∂p and ∂δf/∂p at the flight's times, each of shape (n, 3, m)."""
-    gyro_rate = np.gradient(flight.gyro, flight.step_s, axis=0)
-    columns = [sensor_errors({n: 1.0}, flight.gyro, flight.accel, gyro_rate) for n in names]
-    return np.stack([c[0] for c in columns], axis=-1), np.stack([c[1] for c in columns], axis=-1)
+def _columns(flight: Flight, names: tuple[str, ...]) -> FloatArray:
+    """Return ∂(δω, δf)/∂p in body axes at the flight's times, shape (n, 6, m)."""
+    motion = Motion(
+        time_s=flight.time_s,
+        step_s=np.full(flight.time_s.size, flight.step_s),
+        w=flight.gyro,
+        f=flight.accel,
+        dw=np.gradient(flight.gyro, flight.step_s, axis=0),
+    )
+    return error_columns(names, motion)
 
 
 @numba.njit(cache=True)

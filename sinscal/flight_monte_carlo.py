@@ -16,7 +16,8 @@ from sinscal.attitude import rotvec_of
 from sinscal.earth import A_M, earth_rate_enu
 from sinscal.flight import FlightCovariance, SensorNoise
 from sinscal.navigation_errors import DLAT, DLON
-from sinscal.residual_errors import Calibration, sensor_errors
+from sinscal.residual_errors import Calibration, at_rest, sensor_errors
+from sinscal.sensors import Motion
 from sinscal.strapdown import NavState, Track, navigate
 from sinscal.trajectory import Flight, FlightPlan, fly
 
@@ -190,27 +191,32 @@ def _fly_once(
     c_nb = plan.start_attitude
     rest_gyro = c_nb.T @ earth_rate_enu(plan.latitude_rad)
     rest_accel = c_nb.T @ np.array([0.0, 0.0, plan.gravity_m_s2])
-    dw, df = sensor_errors(values, rest_gyro[None], rest_accel[None], np.zeros((1, 3)))
+    rest = sensor_errors(values, at_rest(rest_gyro, rest_accel))[0]
     by_gyro, by_accel = noise.mean_at_rest
     aligned = align(
-        rest_gyro + dw[0] + by_gyro * rng.standard_normal(3),
-        rest_accel + df[0] + by_accel * rng.standard_normal(3),
+        rest_gyro + rest[:3] + by_gyro * rng.standard_normal(3),
+        rest_accel + rest[3:] + by_accel * rng.standard_normal(3),
     )
-    gyro_rate = np.diff(flight.gyro, axis=0) / h
-    on_gyros, on_accels = sensor_errors(values, flight.mean_gyro, flight.mean_accel, gyro_rate)
+    motion = Motion(
+        time_s=flight.time_s[1:],
+        step_s=np.full(n, h),
+        w=flight.mean_gyro,
+        f=flight.mean_accel,
+        dw=np.diff(flight.gyro, axis=0) / h,
+    )
+    errors = sensor_errors(values, motion)
     if noise.gyro > 0.0:
-        on_gyros += noise.gyro / np.sqrt(h) * rng.standard_normal((n, 3))
+        errors[:, :3] += noise.gyro / np.sqrt(h) * rng.standard_normal((n, 3))
     if noise.accel > 0.0:
-        on_accels += noise.accel / np.sqrt(h) * rng.standard_normal((n, 3))
+        errors[:, 3:] += noise.accel / np.sqrt(h) * rng.standard_normal((n, 3))
     start = NavState(
         lat_rad=plan.latitude_rad,
         height_m=plan.height_m,
         velocity=flight.velocity[0],
         c_nb=aligned,
     )
-    step_s = np.full(n, h)
-    gyro, accel = flight.mean_gyro + on_gyros, flight.mean_accel + on_accels
-    return navigate(step_s, gyro, accel, start, every=every)
+    gyro, accel = motion.w + errors[:, :3], motion.f + errors[:, 3:]
+    return navigate(motion.step_s, gyro, accel, start, every=every)
 
 
 def _errors_of(track: Track, flight: Flight, every: int) -> FloatArray:

@@ -163,8 +163,7 @@ def _refined(
             return REFUSED
         best = min((best, one), key=lambda c: c.miss)
         return float(
-            np.log(one.coarse_m / one.targets[0]) ** 2
-            + np.log(one.precise_m / one.targets[1]) ** 2
+            np.log(one.coarse_m / one.targets[0]) ** 2 + np.log(one.precise_m / one.targets[1]) ** 2
         )
 
     first = np.log([start.plan.speed_m_s, max(start.plan.swing_rad, 1e-3)])

@@ -66,9 +66,7 @@ def navigate_rig(
             c_nb=c_nb,
         )
         gyro, accel = run.gyro[rows_of_cycle], run.accel[rows_of_cycle]
-        tracks.append(
-            navigate(step_s, gyro, accel, start, every=every, height_held=height_held)
-        )
+        tracks.append(navigate(step_s, gyro, accel, start, every=every, height_held=height_held))
         rows.append(rows_of_cycle.start + every * np.arange(len(tracks[-1])) - 1.0)
     return _joined(run, tracks, rows)
 

@@ -22,7 +22,14 @@ import numpy as np
 
 from errormodel.arrays import FloatArray
 from sinscal.earth import A_M, E2, RATE_RAD_S
-from sinscal.strapdown import compiled_gravity_m_s2, compiled_radii_m, local_rates
+from sinscal.strapdown import (
+    Vector,
+    compiled_gravity_m_s2,
+    compiled_radii_m,
+    local_rates,
+    plus,
+    scaled,
+)
 
 PHI, DV, DP = slice(0, 3), slice(3, 6), slice(6, 9)
 DV_UP, DLAT, DLON, DH = 5, 6, 7, 8
@@ -51,7 +58,7 @@ def navigation_dynamics(lat: float, v: FloatArray, f_n: FloatArray, height: floa
     dm = 3.0 * A_M * (1.0 - E2) * E2 * s * c / w2**2.5  # how the radii change with latitude
     dn = A_M * E2 * s * c / w2**1.5
     r_m, r_n = m + height, n + height
-    earth, craft = local_rates(lat, v, r_m, r_n)
+    earth, craft = local_rates(lat, (v[0], v[1], v[2]), r_m, r_n)
 
     # how the two rates change with velocity, latitude and height
     by_v = np.zeros((3, 3))
@@ -62,15 +69,16 @@ def navigation_dynamics(lat: float, v: FloatArray, f_n: FloatArray, height: floa
     craft_by_h = np.array([v[1] / r_m**2, -v[0] / r_n**2, -v[0] * t / r_n**2])
     earth_by_lat = RATE_RAD_S * np.array([0.0, -s, c])
 
+    across = _cross_matrix((v[0], v[1], v[2]))
     f = np.zeros((9, 9))
-    f[:3, :3] = -_cross_matrix(earth + craft)
+    f[:3, :3] = -_cross_matrix(plus(earth, craft))
     f[:3, 3:6] = by_v
     f[:3, 6] = earth_by_lat + craft_by_lat
     f[:3, 8] = craft_by_h
-    f[3:6, :3] = _cross_matrix(f_n)
-    f[3:6, 3:6] = _cross_matrix(v) @ by_v - _cross_matrix(2.0 * earth + craft)
-    f[3:6, 6] = _cross_matrix(v) @ (2.0 * earth_by_lat + craft_by_lat)
-    f[3:6, 8] = _cross_matrix(v) @ craft_by_h
+    f[3:6, :3] = _cross_matrix((f_n[0], f_n[1], f_n[2]))
+    f[3:6, 3:6] = across @ by_v - _cross_matrix(plus(scaled(2.0, earth), craft))
+    f[3:6, 6] = across @ (2.0 * earth_by_lat + craft_by_lat)
+    f[3:6, 8] = across @ craft_by_h
     # gravity is a square in the height and nearly straight over 2e-3 rad of latitude
     f[5, 6] -= 500.0 * (
         compiled_gravity_m_s2(lat + 1e-3, height) - compiled_gravity_m_s2(lat - 1e-3, height)
@@ -94,5 +102,5 @@ def hold_height(f: FloatArray) -> None:
 
 
 @numba.njit(cache=True)
-def _cross_matrix(a: FloatArray) -> FloatArray:
+def _cross_matrix(a: Vector) -> FloatArray:
     return np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])

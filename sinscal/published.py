@@ -9,7 +9,9 @@ laboratory of Moscow State University: tables 1 and 2, and the flight of one hou
 import numpy as np
 
 from sinscal.earth import ARCMIN, DEG_PER_H
-from sinscal.residual_errors import GROUPS, Calibration
+from sinscal.priors import group_of
+from sinscal.residual_errors import Calibration
+from sinscal.sensors import sensor_model
 
 COARSE_M, PRECISE_M = 1900.0, 1100.0  # ρ after an hour of flight
 GYRO_NOISE = 0.1 * DEG_PER_H  # rad/s/√Hz, "0.1 °/h at 1 Hz"
@@ -17,22 +19,21 @@ ACCEL_NOISE = 0.001  # m/s²/√Hz
 
 # sigmas of each parameter by its group, SI: table 1 (coarse rig), table 2 (precise rig)
 _COARSE = {
-    "gyro bias": 0.01 * DEG_PER_H,
-    "gyro scale": 5.1e-7,
-    "gyro misalignment": 0.1 * ARCMIN,
-    "accelerometer bias": 9e-5,
-    "accelerometer scale": 1.36e-5,
-    "accelerometer misalignment": 0.1 * ARCMIN,
+    "gyro_bias": 0.01 * DEG_PER_H,
+    "gyro_scale": 5.1e-7,
+    "gyro_misalignment": 0.1 * ARCMIN,
+    "accel_bias": 9e-5,
+    "accel_scale": 1.36e-5,
+    "accel_misalignment": 0.1 * ARCMIN,
 }
 _PRECISE = {
-    "gyro bias": 0.003 * DEG_PER_H,
-    "gyro scale": 9.7e-8,
-    "gyro misalignment": 0.05 * ARCMIN,
-    "accelerometer bias": 7.7e-5,
-    "accelerometer scale": 1.36e-5,
-    "accelerometer misalignment": 0.05 * ARCMIN,
+    "gyro_bias": 0.003 * DEG_PER_H,
+    "gyro_scale": 9.7e-8,
+    "gyro_misalignment": 0.05 * ARCMIN,
+    "accel_bias": 7.7e-5,
+    "accel_scale": 1.36e-5,
+    "accel_misalignment": 0.05 * ARCMIN,
 }
-UPPER = ("accel_misalignment_xy", "accel_misalignment_xz", "accel_misalignment_yz")  # zero: Γ is lower
 
 
 def published_calibrations() -> tuple[Calibration, Calibration]:
@@ -40,13 +41,9 @@ def published_calibrations() -> tuple[Calibration, Calibration]:
 
     The article prints no correlations, so these are not the covariances it flew with.
     """
-    names = tuple(n for group in _COARSE for n in GROUPS[group] if n not in UPPER)
+    names = sensor_model().names
     coarse, precise = (
-        Calibration(names=names, cov=np.diag([_sigma(table, n) ** 2 for n in names]))
-        for table in (_COARSE, _PRECISE)
+        Calibration(names=names, cov=np.diag([sigmas[group_of(name)] ** 2 for name in names]))
+        for sigmas in (_COARSE, _PRECISE)
     )
     return coarse, precise
-
-
-def _sigma(table: dict[str, float], name: str) -> float:
-    return next(sigma for group, sigma in table.items() if name in GROUPS[group])

@@ -23,6 +23,9 @@ from scipy.spatial.transform import Rotation
 from errormodel.arrays import FloatArray, freeze, readonly
 from sinscal.earth import RATE_RAD_S, gravity_m_s2, radii_m
 
+Vector = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+
 ORTHONORMAL = 1e-9  # how far a starting attitude may be from a rotation
 
 compiled_radii_m = cast(Callable[[float], tuple[float, float]], numba.njit(cache=True)(radii_m))
@@ -130,19 +133,34 @@ def navigate(
         raise ValueError(f"every is {every}, expected at least 1")
     if not (np.isfinite(w).all() and np.isfinite(f).all() and (step > 0.0).all()):
         raise ValueError("expected finite readings and positive steps")
-    position = np.array([start.lat_rad, start.lon_rad, start.height_m])
     place, velocity, quaternion = mechanise(
-        step, w, f, position, start.velocity, quaternion_of(start.c_nb), every, height_held
+        step,
+        w,
+        f,
+        (float(start.lat_rad), float(start.lon_rad), float(start.height_m)),
+        _vector(start.velocity),
+        _quaternion(start.c_nb),
+        every,
+        height_held,
     )
-    time_s = np.concatenate([[0.0], np.cumsum(step)])[::every][: place.shape[0]]
+    time_s = np.concatenate([[0.0], np.cumsum(step)])[::every]
     return Track(
         time_s=time_s,
         lat_rad=place[:, 0],
         lon_rad=place[:, 1],
         height_m=place[:, 2],
         velocity=velocity,
-        c_nb=np.array([matrix_of(q) for q in quaternion]),
+        c_nb=Rotation.from_quat(quaternion, scalar_first=True).as_matrix(),
     )
+
+
+def _vector(v: FloatArray) -> Vector:
+    return float(v[0]), float(v[1]), float(v[2])
+
+
+def _quaternion(c: FloatArray) -> Quaternion:
+    w, x, y, z = Rotation.from_matrix(c).as_quat(scalar_first=True).tolist()
+    return w, x, y, z
 
 
 @numba.njit(cache=True)
@@ -150,9 +168,9 @@ def mechanise(
     step: FloatArray,
     gyro: FloatArray,
     accel: FloatArray,
-    position: FloatArray,
-    velocity: FloatArray,
-    quaternion: FloatArray,
+    position: Vector,
+    velocity: Vector,
+    attitude: Quaternion,
     every: int,
     height_held: bool,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -161,32 +179,34 @@ def mechanise(
     rows = 1 + n // every
     places, velocities = np.empty((rows, 3)), np.empty((rows, 3))
     quaternions = np.empty((rows, 4))
-    p, v, q = position.copy(), velocity.copy(), quaternion.copy()
-    places[0], velocities[0], quaternions[0] = p, v, q
-    for k in range(n):
-        before = max(k - 1, 0)
-        # within the step the readings change as they did since the step before
-        bend = step[k] ** 3 / (6.0 * (step[k] + step[before]))
-        turn, push = body_increments(step[k], gyro[k], accel[k], bend, gyro[before], accel[before])
-        advance(step[k], turn, push, p, v, q, height_held)
-        if (k + 1) % every == 0:
-            row = (k + 1) // every
-            places[row], velocities[row], quaternions[row] = p, v, q
+    p, v, q = position, velocity, attitude
+    w0, f0, step0 = row_of(gyro, 0), row_of(accel, 0), step[0]
+    for k in range(n + 1):
+        if k % every == 0:
+            at = k // every
+            places[at], velocities[at], quaternions[at] = p, v, q
+        if k < n:
+            w, f = row_of(gyro, k), row_of(accel, k)
+            # within the step the readings change as they did since the step before
+            bend = step[k] ** 3 / (6.0 * (step[k] + step0))
+            turn, push = body_increments(step[k], w, f, bend, w0, f0)
+            p, v, q = advance(step[k], turn, push, p, v, q, height_held)
+            w0, f0, step0 = w, f, step[k]
     return places, velocities, quaternions
 
 
 @numba.njit(cache=True)
 def body_increments(
-    step: float, w: FloatArray, f: FloatArray, bend: float, w0: FloatArray, f0: FloatArray
-) -> tuple[FloatArray, FloatArray]:
+    step: float, w: Vector, f: Vector, bend: float, w0: Vector, f0: Vector
+) -> tuple[Vector, Vector]:
     """Return the body's rotation vector and velocity gain over a step, in its axes at the start.
 
     The gain is ∫ C(t) f dt with C the body's turn since the start: exact for constant w and f,
     plus the sculling term; the rotation vector has the coning term.
     """
-    theta, gain = w * step, f * step
-    turn = theta + bend * cross(w0, w)
-    angle2 = theta @ theta
+    theta, gain = scaled(step, w), scaled(step, f)
+    turn = plus(theta, scaled(bend, cross(w0, w)))
+    angle2 = dot(theta, theta)
     if angle2 < 1e-8:
         first, second = 0.5 - angle2 / 24.0, 1.0 / 6.0 - angle2 / 120.0
     else:
@@ -194,101 +214,120 @@ def body_increments(
         first = (1.0 - np.cos(angle)) / angle2
         second = (1.0 - np.sin(angle) / angle) / angle2
     once = cross(theta, gain)
-    scull = bend * (cross(w0, f) + cross(f0, w))
-    return turn, gain + first * once + second * cross(theta, once) + scull
+    rotated = plus(scaled(first, once), scaled(second, cross(theta, once)))
+    scull = scaled(bend, plus(cross(w0, f), cross(f0, w)))
+    return turn, plus(gain, plus(rotated, scull))
 
 
 @numba.njit(cache=True)
 def advance(
-    step: float,
-    turn: FloatArray,
-    push: FloatArray,
-    p: FloatArray,
-    v: FloatArray,
-    q: FloatArray,
-    height_held: bool,
-) -> None:
-    """Carry position (latitude, longitude, height), velocity and attitude over a step, in place."""
-    c_push = matrix_of(q) @ push
-    middle, gained, spin = v.copy(), v.copy(), np.zeros(3)
+    step: float, turn: Vector, push: Vector, p: Vector, v: Vector, q: Quaternion, height_held: bool
+) -> tuple[Vector, Vector, Quaternion]:
+    """Return position (latitude, longitude, height), velocity and attitude after a step."""
+    pushed = turned(q, push)
+    middle, gained, spin = v, v, v
     lat, height, r_m, r_n = p[0], p[2], 0.0, 0.0
     for _ in range(2):  # predict with the start's values, then repeat with those of the middle
         r_m, r_n = compiled_radii_m(lat)
         earth, craft = local_rates(lat, middle, r_m + height, r_n + height)
-        spin = (earth + craft) * step
-        gained = v + c_push - 0.5 * cross(spin, c_push)
-        gained -= step * cross(2.0 * earth + craft, middle)
-        gained[2] -= step * compiled_gravity_m_s2(lat, height)
-        if height_held:
-            gained[2] = 0.0
-        middle = 0.5 * (v + gained)
+        spin = scaled(step, plus(earth, craft))
+        gained = plus(plus(v, pushed), scaled(-0.5, cross(spin, pushed)))
+        gained = plus(gained, scaled(-step, cross(plus(scaled(2.0, earth), craft), middle)))
+        climb = 0.0 if height_held else gained[2] - step * compiled_gravity_m_s2(lat, height)
+        gained = (gained[0], gained[1], climb)
+        middle = scaled(0.5, plus(v, gained))
         lat = p[0] + 0.5 * step * middle[1] / (r_m + height)
         height = p[2] + 0.5 * step * middle[2]
-    p[0] += step * middle[1] / (r_m + height)
-    p[1] += step * middle[0] / ((r_n + height) * np.cos(lat))
-    p[2] += step * middle[2]
-    v[:] = gained
-    q[:] = product(product(unit_quaternion(-spin), q), unit_quaternion(turn))
-    q /= np.sqrt(q @ q)
+    place = (
+        p[0] + step * middle[1] / (r_m + height),
+        p[1] + step * middle[0] / ((r_n + height) * np.cos(lat)),
+        p[2] + step * middle[2],
+    )
+    q = product(product(unit_quaternion(scaled(-1.0, spin)), q), unit_quaternion(turn))
+    norm = np.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+    return place, gained, (q[0] / norm, q[1] / norm, q[2] / norm, q[3] / norm)
 
 
 @numba.njit(cache=True)
-def local_rates(lat: float, v: FloatArray, r_m: float, r_n: float) -> tuple[FloatArray, FloatArray]:
+def local_rates(lat: float, v: Vector, r_m: float, r_n: float) -> tuple[Vector, Vector]:
     """Return the earth's rate and that of the local axes against the earth, ENU, rad/s.
 
     `r_m` and `r_n` are the radii of curvature with the height added.
     """
-    earth = np.array([0.0, RATE_RAD_S * np.cos(lat), RATE_RAD_S * np.sin(lat)])
-    craft = np.array([-v[1] / r_m, v[0] / r_n, v[0] * np.tan(lat) / r_n])
-    return earth, craft
+    earth = (0.0, RATE_RAD_S * np.cos(lat), RATE_RAD_S * np.sin(lat))
+    return earth, (-v[1] / r_m, v[0] / r_n, v[0] * np.tan(lat) / r_n)
+
+
+# Vectors are tuples here: numba keeps them in registers, where arrays cost their allocation.
 
 
 @numba.njit(cache=True)
-def cross(a: FloatArray, b: FloatArray) -> FloatArray:
+def row_of(a: FloatArray, k: int) -> Vector:
+    """Return row k of an array (n, 3)."""
+    return a[k, 0], a[k, 1], a[k, 2]
+
+
+@numba.njit(cache=True)
+def plus(a: Vector, b: Vector) -> Vector:
+    """Return a + b."""
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
+
+
+@numba.njit(cache=True)
+def scaled(k: float, a: Vector) -> Vector:
+    """Return k·a."""
+    return k * a[0], k * a[1], k * a[2]
+
+
+@numba.njit(cache=True)
+def dot(a: Vector, b: Vector) -> float:
+    """Return a · b."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@numba.njit(cache=True)
+def cross(a: Vector, b: Vector) -> Vector:
     """Return a × b."""
-    return np.array(
-        [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+    return (
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
     )
 
 
 @numba.njit(cache=True)
-def unit_quaternion(v: FloatArray) -> FloatArray:
+def unit_quaternion(v: Vector) -> Quaternion:
     """Return the quaternion (scalar first) of a rotation vector."""
-    angle2 = v @ v
-    out = np.empty(4)
+    angle2 = dot(v, v)
     if angle2 < 1e-8:
-        out[0] = 1.0 - angle2 / 8.0 + angle2 * angle2 / 384.0
+        whole = 1.0 - angle2 / 8.0 + angle2 * angle2 / 384.0
         part = 0.5 - angle2 / 48.0
     else:
         angle = np.sqrt(angle2)
-        out[0] = np.cos(0.5 * angle)
-        part = np.sin(0.5 * angle) / angle
-    out[1:] = part * v
-    return out
+        whole, part = np.cos(0.5 * angle), np.sin(0.5 * angle) / angle
+    return whole, part * v[0], part * v[1], part * v[2]
 
 
 @numba.njit(cache=True)
-def product(a: FloatArray, b: FloatArray) -> FloatArray:
+def product(a: Quaternion, b: Quaternion) -> Quaternion:
     """Return the quaternion product: b's rotation, then a's."""
-    out = np.empty(4)
-    out[0] = a[0] * b[0] - a[1:] @ b[1:]
-    out[1:] = a[0] * b[1:] + b[0] * a[1:] + cross(a[1:], b[1:])
-    return out
+    u, v = (a[1], a[2], a[3]), (b[1], b[2], b[3])
+    x, y, z = plus(plus(scaled(a[0], v), scaled(b[0], u)), cross(u, v))
+    return a[0] * b[0] - dot(u, v), x, y, z
 
 
 @numba.njit(cache=True)
-def matrix_of(q: FloatArray) -> FloatArray:
-    """Return the rotation matrix of a unit quaternion (scalar first)."""
-    w, x, y, z = q[0], q[1], q[2], q[3]
-    return np.array(
-        [
-            [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
-            [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
-            [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
-        ]
-    )
+def turned(q: Quaternion, a: Vector) -> Vector:
+    """Return a vector turned by a unit quaternion."""
+    u = (q[1], q[2], q[3])
+    once = scaled(2.0, cross(u, a))
+    return plus(a, plus(scaled(q[0], once), cross(u, once)))
 
 
-def quaternion_of(c: FloatArray) -> FloatArray:
-    """Return the unit quaternion (scalar first) of a rotation matrix."""
-    return np.asarray(Rotation.from_matrix(c).as_quat(scalar_first=True), dtype=float)
+@numba.njit(cache=True)
+def gravities_m_s2(lat_rad: FloatArray, height_m: float) -> FloatArray:
+    """Return gravity at many latitudes, m/s², shape (n,)."""
+    out = np.empty(lat_rad.size)
+    for k in range(lat_rad.size):
+        out[k] = compiled_gravity_m_s2(lat_rad[k], height_m)
+    return out

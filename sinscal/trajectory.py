@@ -16,6 +16,7 @@ from scipy.special import struve
 from errormodel.arrays import FloatArray, freeze, readonly
 from sinscal.attitude import c_nb_from_angles
 from sinscal.earth import A_M, E2, RATE_RAD_S, gravity_m_s2
+from sinscal.strapdown import gravities_m_s2
 
 MAX_SWING_RAD = np.deg2rad(80.0)  # of the heading about its mean
 MAX_BANK_RAD = np.deg2rad(65.0)
@@ -284,7 +285,7 @@ def _sensors(
     right = np.stack([np.cos(heading), -np.sin(heading), np.zeros_like(t)], axis=-1)
     force = speed_rate[:, None] * along + (speed * turn)[:, None] * right
     force = force + np.cross(2.0 * earth + craft, velocity)
-    force[:, 2] += np.array([gravity_m_s2(x, plan.height_m) for x in lat])
+    force[:, 2] += gravities_m_s2(lat, plan.height_m)
     about_n = earth + craft - turn[:, None] * np.array([0.0, 0.0, 1.0])
     gyro = np.einsum("kji,kj->ki", c_nb, about_n) + roll_rate[:, None] * np.array([0.0, 1.0, 0.0])
     return gyro, np.einsum("kji,kj->ki", c_nb, force), c_nb

@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 
 from sinscal.attitude import angles_from_c_nb, c_nb_from_angles, rotation, rotvec_of
 from sinscal.earth import A_M, RATE_RAD_S, earth_rate_enu, gravity_m_s2, radii_m
-from sinscal.strapdown import NavState, Track, navigate, quaternion_of
+from sinscal.strapdown import NavState, Track, navigate, product, turned, unit_quaternion
 
 LAT = np.deg2rad(55.75)
 G = gravity_m_s2(LAT, 0.0)
@@ -165,10 +165,8 @@ def test_what_cannot_be_navigated_is_refused() -> None:
         NavState(lat_rad=LAT, velocity=np.zeros(3), c_nb=2.0 * np.eye(3))
 
 
-def test_quaternions_are_those_of_their_matrices() -> None:
-    from sinscal.strapdown import matrix_of, product, unit_quaternion
-
-    a, b = np.array([0.3, -1.2, 2.0]), np.array([1e-5, 0.0, -2e-5])
+def test_quaternions_turn_as_their_matrices() -> None:
+    a, b, x = (0.3, -1.2, 2.0), (1e-5, 0.0, -2e-5), (0.5, -3.0, 1.0)
     both = product(unit_quaternion(a), unit_quaternion(b))
-    assert_allclose(matrix_of(both), rotation(a) @ rotation(b), atol=1e-15)
-    assert_allclose(np.abs(quaternion_of(rotation(a)) @ unit_quaternion(a)), 1.0, atol=1e-15)
+    expected = rotation(np.array(a)) @ rotation(np.array(b)) @ np.array(x)
+    assert_allclose(turned(both, x), expected, atol=4e-15)
