@@ -6,8 +6,8 @@ from pathlib import Path
 import click
 from rich.console import RenderableType
 
+from errormodel.atomic import write_files
 from errormodel.errors import InputError, NotSeparableError
-from thermo.atomic import write_files
 from thermo.compensated import CompensatedFile, compensate_files
 from thermo.fitting import AccelerometerFit, TermsFile, fit_runs, read_terms
 from thermo.importing import import_log

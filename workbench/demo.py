@@ -7,8 +7,8 @@ from importlib import resources
 from pathlib import Path
 
 from drivers.clock import ScaledClock, SteppedClock
+from errormodel.atomic import write_files
 from errormodel.errors import InputError
-from thermo.atomic import write_files
 from thermo.compensated import CompensatedFile, compensate_files
 from thermo.fitting import AccelerometerFit, fit_runs
 from thermo.modelfile import ModelFile, dump_model, make_model_file

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from thermo.atomic import write_files
+from errormodel.atomic import write_files
 from thermo.fitting import AccelerometerFit
 from thermo.modelfile import CLIP_RULE, ModelFile, make_model_file, reported
 from thermo.recording import RecordedRuns
