@@ -1,7 +1,8 @@
 """Scatter between runs of a value that is itself estimated in each run with a known sigma.
 
 Value of run i: ``c_i = μ + b_i + e_i`` with ``b_i ~ N(0, τ²)`` between runs and
-``e_i ~ N(0, s_i²)`` from the estimation. What repeats badly is τ, not the scatter of the c_i: that has the e_i in it.
+``e_i ~ N(0, s_i²)`` from the estimation. What repeats badly is τ, not the scatter of the c_i: that
+has the e_i in it.
 """
 
 from collections.abc import Mapping
@@ -95,8 +96,6 @@ def scatter_between(
     weights = _weights(tau2, s, observed)
     along = np.arange(n, dtype=float) if order is None else np.asarray(order, dtype=float)
     slope, p = trend(c, along)
-    spread = float(np.ptp(c))
-    slack = range_allowance(n) * float(s.max())
     return Scatter(
         n=n,
         mean=float(weights @ c / weights.sum()),
@@ -105,8 +104,8 @@ def scatter_between(
         ci95=_limits(c, s, observed, (TAIL, TAIL)),
         sigma_runs_observed=observed,
         sigma_estimation=float(np.sqrt(np.mean(s**2))),
-        max_minus_min=spread,
-        max_minus_min_ci95=(max(0.0, spread - slack), spread + slack),
+        max_minus_min=float(np.ptp(c)),
+        max_minus_min_ci95=range_bounds(c, s, 2 * TAIL),
         trend_per_run=slope,
         trend_p=p,
     )
@@ -174,17 +173,22 @@ def trend(c: FloatArray, order: FloatArray) -> tuple[float | None, float | None]
     return slope, float(2.0 * stats.t.sf(abs(t), c.size - 2))
 
 
-def range_allowance(n: int, alpha: float = 2 * TAIL) -> float:
-    """Return how many sigmas the range of n normal values exceeds with probability `alpha`.
+def range_bounds(values: ArrayLike, sigmas: ArrayLike, alpha: float) -> Limits:
+    """Return bounds of the range of the true values, together wrong in a share `alpha` or less.
 
     A range is a seminorm: the range of the estimates and that of the true values differ by the
-    range of the errors at most.
+    range of the errors at most, which the largest of the sigmas bounds.
     """
+    c, s = np.asarray(values, dtype=float), np.asarray(sigmas, dtype=float)
+    width = float(np.ptp(c))
+    slack = float(s.max()) * range_quantile(c.size, 1.0 - alpha)
+    return max(0.0, width - slack), width + slack
 
-    def beyond(width: float) -> float:
-        return 1.0 - _range_cdf(width, n) - alpha
 
-    return float(optimize.brentq(beyond, 0.0, 20.0, xtol=1e-6))
+def range_quantile(n: int, probability: float) -> float:
+    """Return the quantile of the range of n standard normal values."""
+    found = optimize.brentq(lambda w: _range_cdf(w, n) - probability, 0.0, 20.0, xtol=1e-6)
+    return float(found)
 
 
 def _range_cdf(width: float, n: int) -> float:

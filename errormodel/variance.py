@@ -160,9 +160,9 @@ class _Search:
         self.design = design
 
     def start(self) -> FloatArray:
-        """Return equal shares of a whole variance of one."""
+        """Return the noise within the finest cells, and equal shares of the rest."""
         count = len(self.design.dof)
-        return np.full(count, 1.0 / count)
+        return np.append(np.full(count - 1, 1.0 / count), max(self.design.within, FLOOR))
 
     def best(self, held: Mapping[int, float], start: FloatArray) -> _Point:
         """Search from `start` with the variances in `held` fixed: scoring with halved steps."""
@@ -197,11 +197,14 @@ class _Search:
     def limits(self, k: int, best: _Point, drop: float) -> tuple[float, float]:
         """Return where the profile of variance k has risen by `drop`, as sigmas."""
         last = [best.variances]
+        known = {float(np.log(best.variances[k])): -drop}
 
         def above(log_variance: float) -> float:
-            point = self.best({k: float(np.exp(log_variance))}, last[0].copy())
-            last[0] = point.variances
-            return point.deviance - best.deviance - drop
+            if log_variance not in known:
+                point = self.best({k: float(np.exp(log_variance))}, last[0].copy())
+                last[0] = point.variances
+                known[log_variance] = point.deviance - best.deviance - drop
+            return known[log_variance]
 
         bottom, at = float(np.log(FLOOR)), float(np.log(best.variances[k]))
         hi = _crossing(above, at, +1.0, 40.0)

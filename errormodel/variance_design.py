@@ -59,7 +59,10 @@ class _Group:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Design:
-    """Everything the likelihood needs; observations are scaled to unit variance by `scale`."""
+    """Everything the likelihood needs; observations are scaled to unit variance by `scale`.
+
+    `within` is the mean square that no factor explains.
+    """
 
     groups: tuple[_Group, ...]
     xx: FloatArray
@@ -69,9 +72,21 @@ class Design:
     scale: float
     levels: tuple[int, ...]
     dof: tuple[int, ...]
+    within: float
 
     def evaluate(self, variances: FloatArray) -> Evaluation:
-        """Evaluate the restricted likelihood at variances (K + 1,), noise last."""
+        """Evaluate the restricted likelihood at variances (K + 1,), noise last.
+
+        Where they differ by more than a matrix can hold the deviance is infinite.
+        """
+        try:
+            return self._evaluate(variances)
+        except np.linalg.LinAlgError:
+            count = len(self.dof)
+            nothing = np.zeros(count)
+            return Evaluation(deviance=np.inf, score=nothing, information=np.eye(count))
+
+    def _evaluate(self, variances: FloatArray) -> Evaluation:
         noise = float(variances[-1])
         ratio = np.sqrt(variances[:-1] / noise)
         s, xy, yy, log_det = self.xx.copy(), self.xy.copy(), self.yy, 0.0
@@ -149,10 +164,8 @@ def make_design(y: FloatArray, factors: Sequence[RandomFactor], fixed: FloatArra
     if wrong or fixed.shape[0] != y.size:
         raise ValueError(f"{', '.join(wrong) or 'fixed'}: expected {y.size} rows")
     levels = [int(f.codes.max(initial=-1)) + 1 for f in factors]
-    z = np.hstack(
-        [np.zeros((y.size, 0)), *(np.eye(n)[f.codes] for f, n in zip(factors, levels, strict=True))]
-    )
-    dof = (*(_dof(factors, k, fixed) for k in range(len(factors))), y.size - _rank(z, fixed))
+    z = np.hstack([np.zeros((y.size, 0)), *(_indicators(f.codes) for f in factors)])
+    dof = degrees_of_freedom(factors, y.size, fixed)
     for name, count in zip([*names, "noise"], dof, strict=True):
         if count < 1:
             raise ValueError(f"{name} cannot be told from the rest: no degree of freedom is left")
@@ -160,16 +173,34 @@ def make_design(y: FloatArray, factors: Sequence[RandomFactor], fixed: FloatArra
     scale = float(np.sqrt(np.mean(centred**2))) or 1.0
     centred = centred / scale
     owner = np.repeat(np.arange(len(factors)), levels)
+    groups = _groups(z, owner, fixed, centred, len(factors))
+    yy = float(centred @ centred)
+    explained = sum(float(g.zy @ np.linalg.pinv(g.zz, hermitian=True) @ g.zy) for g in groups)
     return Design(
-        groups=_groups(z, owner, fixed, centred, len(factors)),
+        groups=groups,
         xx=fixed.T @ fixed,
         xy=fixed.T @ centred,
-        yy=float(centred @ centred),
+        yy=yy,
         n=y.size,
         scale=scale,
         levels=(*levels, y.size),
         dof=dof,
+        within=max(yy - explained, 0.0) / dof[-1],
     )
+
+
+def degrees_of_freedom(
+    factors: Sequence[RandomFactor], n: int, fixed: FloatArray | None = None
+) -> tuple[int, ...]:
+    """Return the degrees of freedom of each factor's stratum and of the noise of n observations."""
+    columns = np.ones((n, 1)) if fixed is None else fixed
+    everything = np.hstack([np.zeros((n, 0)), *(_indicators(f.codes) for f in factors)])
+    strata = (_dof(factors, k, columns) for k in range(len(factors)))
+    return (*strata, n - _rank(everything, columns))
+
+
+def _indicators(codes: IntArray) -> FloatArray:
+    return np.eye(int(codes.max(initial=-1)) + 1)[codes]
 
 
 def _groups(
@@ -202,8 +233,8 @@ def _dof(factors: Sequence[RandomFactor], k: int, fixed: FloatArray) -> int:
         for j, f in enumerate(factors)
         if j != k and _holds(f.codes, mine) and not _holds(mine, f.codes)
     ]
-    outer = np.hstack([np.zeros((mine.size, 0)), *(np.eye(int(c.max()) + 1)[c] for c in coarser)])
-    return _rank(np.hstack([outer, np.eye(int(mine.max()) + 1)[mine]]), fixed) - _rank(outer, fixed)
+    outer = np.hstack([np.zeros((mine.size, 0)), *(_indicators(c) for c in coarser)])
+    return _rank(np.hstack([outer, _indicators(mine)]), fixed) - _rank(outer, fixed)
 
 
 def _holds(outer: IntArray, inner: IntArray) -> bool:
