@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import interpolate
 
 from errormodel.arrays import FloatArray, freeze, readonly
 from thermo.stability_runs import RunByRun, RunFit
@@ -193,16 +194,17 @@ def shape_of(sets: Sequence[CurveSet]) -> Shape | None:
         return None
     grid = np.linspace(low, high, max(2, min(int((high - low) / GRID_C) + 1, MAX_GRID)))
     curves = np.vstack([_on(grid, s) for s in sets])
-    mean = curves.mean(axis=0)
-    x = grid - grid.mean()
+    mean: FloatArray = np.mean(curves, axis=0)
+    x: FloatArray = np.asarray(grid - grid.mean(), dtype=np.float64)
     slope = float(x @ mean / (x @ x)) if high > low else 0.0
+    bent: FloatArray = np.asarray(mean - mean.mean() - slope * x, dtype=np.float64)
     return Shape(
         spread_ug=float(np.sqrt(np.mean((curves - mean) ** 2))),
-        bend_ug=float(np.sqrt(np.mean((mean - mean.mean() - slope * x) ** 2))),
+        bend_ug=float(np.sqrt(np.mean(bent**2))),
     )
 
 
 def _on(grid: FloatArray, one: CurveSet) -> FloatArray:
     """Return the K0 curves of a set on other temperatures, shape (runs, m)."""
-    rows = [np.interp(grid, one.temp_c, one.k0_ug[k]) for k in range(len(one.run_ids))]
-    return np.array(rows, dtype=np.float64)
+    on_grid = interpolate.make_interp_spline(one.temp_c, one.k0_ug, k=1, axis=1)
+    return np.asarray(on_grid(grid), dtype=np.float64)

@@ -127,14 +127,11 @@ class Interval:
     note: str
 
     @property
-    def sentence(self) -> str:
+    def facts(self) -> str:
         """Say it; what is not known is called so."""
         yes_no = {True: "yes", False: "no", None: "not stated"}
-        rest = "not stated" if self.rest_h is None else f"{self.rest_h:.4g} h"
-        text = (
-            f"between {self.after} and {self.before}: power off {yes_no[self.power_off]}, "
-            f"rest {rest}, remounted {yes_no[self.remount]}"
-        )
+        rest = "not stated" if self.rest_h is None else f"{self.rest_h:.3g} h"
+        text = f"power off {yes_no[self.power_off]}, rest {rest}, remounted {yes_no[self.remount]}"
         return f"{text}; {self.note}" if self.note else text
 
 

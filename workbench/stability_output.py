@@ -11,7 +11,7 @@ from thermo.stability import DEFINITION, AccelerometerStability, Stability
 from thermo.stability_coefficients import CoefficientStability
 from thermo.stability_components import FACTORS
 from thermo.stability_curves import Distance
-from thermo.stability_limits import Criterion
+from thermo.stability_limits import Criterion, Interval
 from workbench.console import number, table
 from workbench.fit_output import value_and_sigma
 
@@ -46,9 +46,19 @@ def definition(result: Stability) -> str:
     temperatures = " and ".join(f"{t:g} °C" for t in result.at_c)
     return (
         f"{DEFINITION} Here: {len(result.order)} runs; 1 σ between runs with the estimation's own "
-        f"variance taken out, and max − min of the runs; reference temperature {temperatures}; "
-        + "; ".join(i.sentence for i in result.intervals)
+        f"variance taken out, and max − min of the runs; reference temperature {temperatures}. "
+        + " ".join(f"{text}." for text in between_sentences(result.intervals))
     )
+
+
+def between_sentences(intervals: Sequence[Interval]) -> list[str]:
+    """Say what happened between the runs; what was the same is said once."""
+    same: dict[str, list[str]] = {}
+    for i in intervals:
+        same.setdefault(i.facts, []).append(f"{i.after} and {i.before}")
+    if len(same) == 1 and len(intervals) > 1:
+        return [f"Between all runs: {next(iter(same))}"]
+    return [f"Between {', '.join(pairs)}: {facts}" for facts, pairs in same.items()]
 
 
 def _accelerometer(one: AccelerometerStability) -> dict[str, Any]:
