@@ -1,9 +1,10 @@
 """Noise shapes for the search of missing effects: white plus a sum of slow processes.
 
-Each slow process is an Ornstein-Uhlenbeck process that starts afresh, in its stationary law, with
-every run. One of them is bias instability; one whose correlation time is many times a run is a
-random walk from an unknown level; five of them spaced evenly in the logarithm of the correlation
-time, all of one variance, are flicker noise. Whitening is the innovation sequence of the Kalman
+Each slow process is an Ornstein-Uhlenbeck process that starts afresh with every run, in its
+stationary law or from zero. One of them is bias instability; one whose correlation time is many
+times a run and that starts from zero is a random walk (where a run begins is then an offset of its
+own, which is an effect with a name); five of them spaced evenly in the logarithm of the
+correlation time, all of one variance, are flicker noise. Whitening is the innovation sequence of the Kalman
 filter of the sum, in linear time.
 """
 
@@ -17,7 +18,12 @@ from errormodel.arrays import FloatArray, IntArray
 
 @numba.njit(cache=True)
 def _gains(
-    time_s: FloatArray, run: IntArray, white2: FloatArray, var: FloatArray, tau_s: FloatArray
+    time_s: FloatArray,
+    run: IntArray,
+    white2: FloatArray,
+    var: FloatArray,
+    tau_s: FloatArray,
+    start: FloatArray,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return what each process keeps, its gain, and the innovation's variance, per reading."""
     n, m = time_s.size, var.size
@@ -35,7 +41,7 @@ def _gains(
         else:
             cov[:, :] = 0.0
             for i in range(m):
-                cov[i, i] = var[i]
+                cov[i, i] = start[i]
         total[k] = white2[k] + cov.sum()
         seen = np.empty(m)
         for i in range(m):
@@ -117,16 +123,19 @@ class NoiseShape:
 
     Parameters
     ----------
-    family : {"white", "drift", "flicker"}
+    family : {"white", "drift", "walk", "flicker"}
     variance : tuple of float
         Of each slow process, relative to the white variance.
     tau_s : tuple of float
         Correlation time of each, s.
+    settled : bool
+        Whether each run begins in the processes' stationary law; otherwise they begin from zero.
     """
 
     family: str = "white"
     variance: tuple[float, ...] = ()
     tau_s: tuple[float, ...] = ()
+    settled: bool = True
 
     def whitener(self, base: TimeBase) -> "Whitener":
         """Return what decorrelates columns on a time base."""
@@ -151,7 +160,8 @@ class Whitener:
 
     def __init__(self, shape: NoiseShape, base: TimeBase) -> None:
         var, tau = np.array(shape.variance, dtype=float), np.array(shape.tau_s, dtype=float)
-        self._keep, self._gain, total = _gains(base.time_s, base.run, base.white2, var, tau)
+        start = var if shape.settled else 0.0 * var
+        self._keep, self._gain, total = _gains(base.time_s, base.run, base.white2, var, tau, start)
         self._root = np.sqrt(total)
         self.log_det = float(np.sum(np.log(total)))
 
@@ -170,14 +180,23 @@ class Whitener:
         return _innovations(self._keep, self._gain, self._root, data, colour)
 
 
-# A walk is a process this many times slower than the longest run.
-WALK_SPANS = 20.0
+# A process slower than this share of the longest run is hardly told from offsets and relaxations
+# of the runs, which are effects with names.
+SLOWEST_SPANS = 0.5
+# A walk is a process this many times slower than the longest run, begun from zero.
+WALK_SPANS = 50.0
 FLICKER_POLES = 5
 
 
 def drifting(ratio2: float, tau_s: float) -> NoiseShape:
     """Return white noise with one slow process of `ratio2` times its variance."""
     return NoiseShape("drift", (ratio2,), (tau_s,))
+
+
+def walking(ratio2: float, base: TimeBase) -> NoiseShape:
+    """Return white noise with a random walk that has `ratio2` of variance after the longest run."""
+    tau_s = WALK_SPANS * base.span_s
+    return NoiseShape("walk", (0.5 * WALK_SPANS * ratio2,), (tau_s,), settled=False)
 
 
 def flicker(ratio2: float, base: TimeBase) -> NoiseShape:

@@ -42,6 +42,9 @@ def event_ratios(
 ) -> FloatArray:
     """Return twice the log-likelihood ratio of each event candidate, shape (events, D).
 
+    The mean is the present model alone: beside everything that repeats, too little of a slow
+    relaxation would be left. An effect that repeats must therefore be in the model first.
+
     Parameters
     ----------
     problem : Problem
@@ -50,7 +53,7 @@ def event_ratios(
     residuals : ndarray, shape (n, D)
     """
     events = events_of(problem)
-    judge = Restricted(problem.times, problem.saturated)
+    judge = Restricted(problem.times, problem.base)
     beside = Problem(
         times=problem.times,
         residual=problem.residual,

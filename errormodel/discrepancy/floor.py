@@ -2,8 +2,7 @@
 
 Restricted maximum likelihood with a saturated mean: an effect that is missing from the model but
 repeats cannot leak into the noise, and slow noise cannot pose as an effect. The families are white
-noise, white noise with one slow process (bias instability; a random walk when it is slower than
-the runs) and white noise with flicker noise.
+noise alone and with one slow process (bias instability), a random walk, or flicker noise.
 """
 
 from collections.abc import Callable
@@ -13,13 +12,20 @@ import numpy as np
 from scipy import linalg, optimize
 
 from errormodel.arrays import FloatArray
-from errormodel.discrepancy.coloured import WALK_SPANS, NoiseShape, TimeBase, drifting, flicker
+from errormodel.discrepancy.coloured import (
+    SLOWEST_SPANS,
+    NoiseShape,
+    TimeBase,
+    drifting,
+    flicker,
+    walking,
+)
 from errormodel.discrepancy.problem import independent
 
 # Shapes whose log-likelihood is this far below the best are not drawn from: 3 sigma.
 REACH = 4.5
-# A slow process has two unknowns, flicker one: what each must gain over white noise (Akaike).
-PENALTY = {"white": 0.0, "flicker": 1.0, "drift": 2.0}
+# What each family must gain over white noise: its number of unknowns (Akaike).
+PENALTY = {"white": 0.0, "flicker": 1.0, "walk": 1.0, "drift": 2.0}
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -91,7 +97,8 @@ def estimate_floor(times: TimeBase, residual: FloatArray, saturated: FloatArray)
 
     like(NoiseShape())
     _search_drift(like, times)
-    _search_flicker(like, times)
+    _search_one(like, lambda r: flicker(r, times))
+    _search_one(like, lambda r: walking(r, times))
     best = max(seen, key=lambda s: seen[s][0])
     top = seen[best][0]
     kept = {s: v for s, (v, _) in seen.items() if top - v < REACH}
@@ -107,7 +114,7 @@ def estimate_floor(times: TimeBase, residual: FloatArray, saturated: FloatArray)
 def _search_drift(like: Callable[[NoiseShape], float], times: TimeBase) -> None:
     """Try slow processes: a coarse grid, then finer ones about the best."""
     lo = np.array([np.log(0.03), np.log(1.5 * times.step_s)])
-    hi = np.array([np.log(1e4), np.log(WALK_SPANS * times.span_s)])
+    hi = np.array([np.log(1e4), np.log(SLOWEST_SPANS * times.span_s)])
 
     def at(point: FloatArray) -> float:
         return like(drifting(float(np.exp(point[0])), float(np.exp(point[1]))))
@@ -126,12 +133,15 @@ def _search_drift(like: Callable[[NoiseShape], float], times: TimeBase) -> None:
         at(np.clip(best + i * np.array([0.4, -0.4]), lo, hi))
 
 
-def _search_flicker(like: Callable[[NoiseShape], float], times: TimeBase) -> None:
+def _search_one(
+    like: Callable[[NoiseShape], float], shape_of: Callable[[float], NoiseShape]
+) -> None:
+    """Try a family of one unknown, its ratio to the white variance."""
     found = optimize.minimize_scalar(
-        lambda r: -like(flicker(float(np.exp(r)), times)),
+        lambda r: -like(shape_of(float(np.exp(r)))),
         bounds=(np.log(1e-3), np.log(1e3)),
         method="bounded",
         options={"xatol": 0.15, "maxiter": 12},
     )
     for step in (-0.35, 0.35):
-        like(flicker(float(np.exp(float(found.x) + step)), times))
+        like(shape_of(float(np.exp(float(found.x) + step))))

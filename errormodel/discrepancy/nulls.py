@@ -12,7 +12,7 @@ import numpy as np
 
 from errormodel.arrays import FloatArray
 from errormodel.discrepancy.coloured import NoiseShape, TimeBase
-from errormodel.discrepancy.events import event_ratios, events_of, shapes_allowed
+from errormodel.discrepancy.events import event_ratios, shapes_allowed
 from errormodel.discrepancy.floor import NoiseFloor, Restricted
 from errormodel.discrepancy.problem import Problem
 from errormodel.discrepancy.scan import Prepared, View
@@ -55,8 +55,8 @@ class Calibration:
     ----------
     gains : mapping of str to NullLaw
         Of each candidate's gain; of an effect that does not repeat, its likelihood ratio.
-    ratios : mapping of str to float
-        The measured likelihood ratios of the effects that do not repeat.
+    shapes : tuple of NoiseShape
+        Over which those likelihoods are maximised.
     least : NullLaw
         Of −ln of the smallest p-value over the candidates.
     factors : mapping of str to NullLaw
@@ -66,7 +66,7 @@ class Calibration:
     """
 
     gains: dict[str, NullLaw]
-    ratios: dict[str, float]
+    shapes: tuple[NoiseShape, ...]
     least: NullLaw
     factors: dict[str, NullLaw]
     least_factor: dict[bool, NullLaw]
@@ -128,22 +128,20 @@ def calibrate(
         gains[:, mine] = Prepared(scaled, problem.candidates).null_gains(data)
         for k, factor in enumerate(problem.factors):
             factors[k, mine] = view.factor_gains(factor, data)
-    ratios = _ratios(problem, floor, noise, gains)
-    return _laws(problem, gains, factors, ratios)
+    shapes_of_events = _with_ratios(problem, floor, noise, gains)
+    return _laws(problem, gains, factors, shapes_of_events)
 
 
-def _ratios(
+def _with_ratios(
     problem: Problem, floor: NoiseFloor, noise: FloatArray, gains: FloatArray
-) -> dict[str, float]:
-    """Put likelihood ratios in place of the gains of events; return the measured ones."""
-    events = events_of(problem)
-    if problem.noise is not None or not events:
-        return {}
-    both = np.column_stack([problem.residual / floor.sigma, noise])
-    ratios = event_ratios(problem, shapes_allowed(problem, floor), both)
+) -> tuple[NoiseShape, ...]:
+    """Put likelihood ratios in place of the gains of events; return the shapes allowed."""
     rows = [k for k, c in enumerate(problem.candidates) if c.event]
-    gains[rows] = ratios[:, 1:]
-    return {c.name: float(r) for c, r in zip(events, ratios[:, 0], strict=True)}
+    if problem.noise is not None or not rows:
+        return ()
+    shapes = shapes_allowed(problem, floor)
+    gains[rows] = event_ratios(problem, shapes, noise)
+    return shapes
 
 
 def _estimated(
@@ -161,7 +159,7 @@ def _estimated(
 
 
 def _laws(
-    problem: Problem, gains: FloatArray, factors: FloatArray, ratios: dict[str, float]
+    problem: Problem, gains: FloatArray, factors: FloatArray, shapes: tuple[NoiseShape, ...]
 ) -> Calibration:
     laws = {c.name: NullLaw(g) for c, g in zip(problem.candidates, gains, strict=True)}
     factor_laws = {f.name: NullLaw(g) for f, g in zip(problem.factors, factors, strict=True)}
@@ -178,7 +176,7 @@ def _laws(
     }
     return Calibration(
         gains=laws,
-        ratios=ratios,
+        shapes=shapes,
         least=NullLaw(least),
         factors=factor_laws,
         least_factor=by_kind,

@@ -8,6 +8,7 @@ import numpy as np
 
 from errormodel.arrays import FloatArray
 from errormodel.discrepancy.coloured import NoiseShape
+from errormodel.discrepancy.events import event_ratios, events_of
 from errormodel.discrepancy.floor import NoiseFloor, estimate_floor
 from errormodel.discrepancy.nulls import Calibration
 from errormodel.discrepancy.problem import Candidate, Problem, Signature, Theta
@@ -144,6 +145,19 @@ def chi_square(view: View) -> float:
     return float(rest @ rest)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Ranked:
+    """A candidate at its best.
+
+    `score` is its gain beyond its mean under the null: what an effect with more unknowns gains by
+    luck does not count for it. `p_value` is over the whole library.
+    """
+
+    found: Found
+    score: float
+    p_value: float
+
+
 class Search:
     """A search for missing effects under one calibration."""
 
@@ -152,6 +166,7 @@ class Search:
     ) -> None:
         self.source, self.floor, self.laws = source, floor, laws
         self.rules = rules or Rules()
+        self._entered: dict[str, float] = {}
 
     def view(self, chosen: Sequence[Choice]) -> View:
         """Return the refitted problem under the present noise."""
@@ -167,13 +182,14 @@ class Search:
         first: tuple[Found, ...] = ()
         for _ in range(self.rules.most):
             view = self.view(chosen)
-            ranked = self._entrants(self.ranked(view), chosen)
-            first = first or tuple(f for f, _ in ranked)
-            if not ranked or not self._enters(ranked[0][0]):
+            ranked = self._with_ratios(view, self.ranked(view))
+            first = first or tuple(r.found for r in ranked)
+            if not ranked or ranked[0].p_value >= self.rules.alpha:
                 break
-            best = ranked[0][0]
+            best = ranked[0].found
             if chosen and self._is_shape(best, view, chosen):
                 break
+            self._entered[best.candidate.name] = ranked[0].p_value
             chosen.append(Choice(best.candidate.name, best.theta))
             chosen = self._made_supple(chosen)
             if best.candidate.event and view.problem.noise is None:
@@ -190,40 +206,37 @@ class Search:
             explained = chi_square(before) - chi_square(after)
         return SearchResult(slots=slots, floor=self.floor, explained=explained, first=first)
 
-    def ranked(self, view: View) -> list[tuple[Found, float]]:
-        """Return every candidate at its best with its score, best first.
+    def ranked(self, view: View) -> list[Ranked]:
+        """Return every candidate at its best, under the present noise, best first."""
+        made: list[Ranked] = []
+        for found in Prepared(view, view.problem.candidates).scan():
+            name = found.candidate.name
+            p_value = self._p_value(name, found.grid_gain)
+            made.append(Ranked(found, found.gain - self._luck(name), p_value))
+        return sorted(made, key=lambda r: -r.score)
 
-        The score is the gain beyond its mean under the null: what an effect with more unknowns
-        gains by luck does not count for it.
-        """
-        found = Prepared(view, view.problem.candidates).scan()
-        scored = [(f, f.gain - self._luck(f.candidate.name)) for f in found]
-        return sorted(scored, key=lambda s: -s[1])
-
-    def _entrants(
-        self, ranked: list[tuple[Found, float]], chosen: Sequence[Choice]
-    ) -> list[tuple[Found, float]]:
-        """Let events count with their likelihood ratio, which the first effect alone has."""
-        if chosen or not self.laws.ratios:
+    def _with_ratios(self, view: View, ranked: list[Ranked]) -> list[Ranked]:
+        """Let events count with their likelihood ratios: each beside its own noise."""
+        if not self.laws.shapes:
             return ranked
+        data = view.problem.residual[:, None]
+        values = event_ratios(view.problem, self.laws.shapes, data)[:, 0].tolist()
+        ratios = dict(
+            zip((c.name for c in events_of(view.problem)), values, strict=True)
+        )
         made = [
-            (f, self.laws.ratios[n] - self._luck(n) if n in self.laws.ratios else score)
-            for f, score in ranked
-            for n in (f.candidate.name,)
+            Ranked(r.found, ratios[n] - self._luck(n), self._p_value(n, ratios[n]))
+            if (n := r.found.candidate.name) in ratios
+            else r
+            for r in ranked
         ]
-        return sorted(made, key=lambda s: -s[1])
+        return sorted(made, key=lambda r: -r.score)
 
     def _luck(self, name: str) -> float:
         return self.laws.gains[name].mean if name in self.laws.gains else 0.0
 
-    def p_value(self, found: Found) -> float:
-        """Return the p-value of a candidate's gain over the whole library."""
-        name = found.candidate.name
-        gain = max(found.grid_gain, self.laws.ratios.get(name, 0.0))
+    def _p_value(self, name: str, gain: float) -> float:
         return self.laws.p_family(self.laws.p_of(name, gain))
-
-    def _enters(self, best: Found) -> bool:
-        return self.p_value(best) < self.rules.alpha
 
     def _is_shape(self, best: Found, view: View, chosen: Sequence[Choice]) -> bool:
         """Tell whether an effect is only the ill-known shape of a much stronger one."""
@@ -273,44 +286,43 @@ class Search:
     def _slot(self, others: Sequence[Choice], present: Choice) -> Slot | None:
         view = self.view(others)
         ranked = self._with_rich(view, self.ranked(view), present)
-        (best, top) = ranked[0]
-        if not self._enters(best):
+        best = ranked[0].found
+        name = best.candidate.name
+        # an event was judged when it entered; the noise has since been estimated beside it
+        p_value = self._entered.get(name, 1.0) if best.candidate.event else ranked[0].p_value
+        if p_value >= self.rules.alpha:
             return None
-        rivals = tuple((f.candidate.name, top - score) for f, score in ranked[1:])
-        alias = [f.candidate.name for f, score in ranked if top - score < self.rules.alias]
-        rich = present.rich and best.candidate.name == present.name
+        below = [(r.found.candidate.name, ranked[0].score - r.score) for r in ranked]
         return Slot(
-            choice=Choice(best.candidate.name, best.theta, rich=rich),
+            choice=Choice(name, best.theta, rich=present.rich and name == present.name),
             gain=best.gain,
-            p_value=self.p_value(best),
-            rivals=rivals,
-            alias=tuple(alias),
+            p_value=p_value,
+            rivals=tuple(below[1:]),
+            alias=tuple(n for n, b in below if b < self.rules.alias),
         )
 
-    def _with_rich(
-        self, view: View, ranked: list[tuple[Found, float]], present: Choice
-    ) -> list[tuple[Found, float]]:
+    def _with_rich(self, view: View, ranked: list[Ranked], present: Choice) -> list[Ranked]:
         """Let the richer member stand for its family where it was chosen."""
         if not present.rich:
             return ranked
-        made: list[tuple[Found, float]] = []
-        for found, score in ranked:
-            candidate = found.candidate
-            if candidate.name == present.name and candidate.richer is not None:
-                rich = Prepared(view, [candidate.richer]).scan()[0]
-                more = _unknowns(candidate.richer) - _unknowns(candidate)
-                better = rich.gain - found.gain - 2.0 * more
-                if better > 0:
-                    kept = Found(
-                        candidate=candidate,
-                        theta=rich.theta,
-                        gain=rich.gain,
-                        grid_gain=max(found.grid_gain, rich.grid_gain),
-                    )
-                    made.append((kept, score + better))
-                    continue
-            made.append((found, score))
-        return sorted(made, key=lambda s: -s[1])
+        made = [
+            self._richer(view, r) if r.found.candidate.name == present.name else r for r in ranked
+        ]
+        return sorted(made, key=lambda r: -r.score)
+
+    def _richer(self, view: View, plain: Ranked) -> Ranked:
+        candidate = plain.found.candidate
+        if candidate.richer is None:
+            return plain
+        rich = Prepared(view, [candidate.richer]).scan()[0]
+        more = _unknowns(candidate.richer) - _unknowns(candidate)
+        found = Found(
+            candidate=candidate,
+            theta=rich.theta,
+            gain=rich.gain,
+            grid_gain=max(plain.found.grid_gain, rich.grid_gain),
+        )
+        return Ranked(found, plain.score + rich.gain - plain.found.gain - 2.0 * more, plain.p_value)
 
 
 def _unknowns(candidate: Candidate) -> int:
