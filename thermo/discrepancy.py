@@ -15,6 +15,7 @@ from errormodel.discrepancy.floor import NoiseFloor, estimate_floor
 from errormodel.discrepancy.foresight import Foresight, foresee
 from errormodel.discrepancy.gate import FactorFinding, Judgement, judge, locate
 from errormodel.discrepancy.nulls import Calibration, calibrate
+from errormodel.discrepancy.problem import Problem
 from errormodel.discrepancy.scan import View
 from errormodel.discrepancy.search import Rules, Search, SearchResult
 from errormodel.errors import InputError
@@ -178,11 +179,14 @@ class _Work:
         view = View(problem, floor.shape, floor.sigma)
         foresight = foresee(view, problem.candidates)
         self.say(f"{serial}: {self.draws} simulated nulls")
-        rng = np.random.default_rng(self.seed)
-        laws = calibrate(problem, floor, draws=self.draws, rng=rng)
+        laws = self._calibrated(problem, floor)
         self.say(f"{serial}: trying {len(problem.candidates)} effects")
-        search = Search(source, floor, laws, self.rules)
+        search = Search(source, floor, laws, self.rules, self._calibrated)
         return self._conclude(search, foresight, search.run())
+
+    def _calibrated(self, problem: Problem, floor: NoiseFloor) -> Calibration:
+        rng = np.random.default_rng(self.seed)
+        return calibrate(problem, floor, draws=self.draws, rng=rng)
 
     def _conclude(self, search: Search, foresight: Foresight, result: SearchResult) -> Discrepancy:
         source, laws, floor = self.source, search.laws, result.floor

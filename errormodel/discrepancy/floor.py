@@ -128,9 +128,11 @@ def _search_drift(like: Callable[[NoiseShape], float], times: TimeBase) -> None:
             np.clip(best + step * np.array([i, j]), lo, hi) for i in (-1, 0, 1) for j in (-1, 0, 1)
         ]
         best = max(around, key=at)
-    for i in (-2, 2):  # the ridge along which size and correlation time trade against each other
-        at(np.clip(best + i * np.array([0.4, 0.4]), lo, hi))
-        at(np.clip(best + i * np.array([0.4, -0.4]), lo, hi))
+    # size and correlation time trade against each other along a ridge: the shapes that the data
+    # allow lie on it
+    for along in np.arange(-4, 5) * 0.35:
+        for across in (-0.25, 0.0, 0.25):
+            at(np.clip(best + [along + across, along - across], lo, hi))
 
 
 def _search_one(

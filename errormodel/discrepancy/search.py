@@ -1,7 +1,7 @@
 """The search: one effect after another, each slot tried again once the others are known."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
@@ -23,6 +23,9 @@ class Rules:
     ----------
     alpha : float
         False-alarm rate of the library as a whole, for an effect to enter.
+    further : float
+        What a further effect must explain, beyond luck, beside one that is named already: the
+        shape of the first is never known quite.
     alpha_rest : float
         The same for what is left to be called unexplained.
     alias : float
@@ -41,6 +44,7 @@ class Rules:
     """
 
     alpha: float = 0.006
+    further: float = 30.0
     alpha_rest: float = 0.004
     alias: float = 9.0
     share: float = 0.6
@@ -158,14 +162,24 @@ class Ranked:
     p_value: float
 
 
+# Simulates the null laws anew once the noise has been estimated beside an event.
+Recalibrate = Callable[[Problem, NoiseFloor], Calibration]
+
+
 class Search:
     """A search for missing effects under one calibration."""
 
     def __init__(
-        self, source: Source, floor: NoiseFloor, laws: Calibration, rules: Rules | None = None
+        self,
+        source: Source,
+        floor: NoiseFloor,
+        laws: Calibration,
+        rules: Rules | None = None,
+        again: Recalibrate | None = None,
     ) -> None:
         self.source, self.floor, self.laws = source, floor, laws
         self.rules = rules or Rules()
+        self._again = again
         self._entered: dict[str, float] = {}
 
     def view(self, chosen: Sequence[Choice]) -> View:
@@ -187,19 +201,24 @@ class Search:
             if not ranked or ranked[0].p_value >= self.rules.alpha:
                 break
             best = ranked[0].found
-            if chosen and self._is_shape(best, view, chosen):
+            if chosen and (
+                ranked[0].score < self.rules.further or self._is_shape(best, view, chosen)
+            ):
                 break
             self._entered[best.candidate.name] = ranked[0].p_value
             chosen.append(Choice(best.candidate.name, best.theta))
             chosen = self._made_supple(chosen)
-            if best.candidate.event and view.problem.noise is None:
+            if best.candidate.event:
                 self._renew_floor(chosen)
         return chosen, first
 
     def run(self) -> SearchResult:
         """Add effects while they are significant, then try every slot again."""
+        start = self.floor, self.laws
         chosen, first = self._added()
         slots = self._settled(chosen)
+        if not slots:
+            self.floor, self.laws = start
         explained = 0.0
         if slots:
             before, after = self.view([]), self.view([s.choice for s in slots])
@@ -262,9 +281,14 @@ class Search:
         return chosen
 
     def _renew_floor(self, chosen: Sequence[Choice]) -> None:
+        """Estimate the noise beside the effects chosen, and its null laws with it."""
         problem = self.source.problem(chosen, self.floor.shape)
-        saturated = np.hstack([problem.saturated, problem.base])
-        self.floor = estimate_floor(problem.times, problem.residual, saturated)
+        if problem.noise is not None:
+            return
+        self.floor = estimate_floor(problem.times, problem.residual, problem.saturated)
+        if self._again is not None:
+            laws = self._again(self.source.problem(chosen, self.floor.shape), self.floor)
+            self.laws = replace(laws, gains={**self.laws.gains, **laws.gains})
 
     def _settled(self, chosen: list[Choice]) -> tuple[Slot, ...]:
         """Try every slot again beside the others; drop what no longer stands."""
@@ -276,9 +300,13 @@ class Search:
                 slot = self._slot(others, chosen[k])
                 if slot is None:
                     return self._settled(others)
-                moved |= slot.choice.name != chosen[k].name
+                swapped = slot.choice.name != chosen[k].name
                 chosen[k] = slot.choice
                 slots.append(slot)
+                if swapped:
+                    moved = True
+                    self._entered[slot.choice.name] = slot.p_value
+                    self._renew_floor(chosen)
             if not moved:
                 return tuple(slots)
         return tuple(slots) if chosen else ()
@@ -289,7 +317,9 @@ class Search:
         best = ranked[0].found
         name = best.candidate.name
         # an event was judged when it entered; the noise has since been estimated beside it
-        p_value = self._entered.get(name, 1.0) if best.candidate.event else ranked[0].p_value
+        p_value = ranked[0].p_value
+        if best.candidate.event:
+            p_value = self._entered.get(name, self._entered.get(present.name, 1.0))
         if p_value >= self.rules.alpha:
             return None
         below = [(r.found.candidate.name, ranked[0].score - r.score) for r in ranked]
