@@ -82,11 +82,14 @@ def factorise(cov: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 @numba.njit(cache=True)
-def bierman_update(
-    x: FloatArray, u: FloatArray, d: FloatArray, h: FloatArray, variance: float, z: float
-) -> tuple[float, float]:
-    """Process a scalar measurement in place; return the innovation and its variance."""
-    n = x.size
+def bierman_gain(
+    u: FloatArray, d: FloatArray, h: FloatArray, variance: float
+) -> tuple[FloatArray, float]:
+    """Process the covariance of a scalar measurement in place.
+
+    Returns the gain and the variance of the innovation.
+    """
+    n = d.size
     a = np.zeros(n)
     for j in range(n):
         total = h[j]
@@ -94,9 +97,6 @@ def bierman_update(
             total += u[i, j] * h[i]
         a[j] = total
     b = d * a
-    innovation = z
-    for j in range(n):
-        innovation -= h[j] * x[j]
     alpha = variance
     for j in range(n):
         before = alpha
@@ -108,9 +108,18 @@ def bierman_update(
                 old = u[i, j]
                 u[i, j] = old + b[i] * ratio
                 b[i] += b[j] * old
-    for j in range(n):
-        x[j] += b[j] * innovation / alpha
-    return innovation, alpha
+    return b / alpha, alpha
+
+
+@numba.njit(cache=True)
+def bierman_update(
+    x: FloatArray, u: FloatArray, d: FloatArray, h: FloatArray, variance: float, z: float
+) -> tuple[float, float]:
+    """Process a scalar measurement in place; return the innovation and its variance."""
+    innovation = z - np.dot(h, x)
+    gain, total = bierman_gain(u, d, h, variance)
+    x += gain * innovation
+    return innovation, total
 
 
 @numba.njit(cache=True)

@@ -1,0 +1,209 @@
+"""Calibration of a SINS from its raw sensors on a rig, without and with the rig's angle."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from errormodel.arrays import FloatArray, IntArray, freeze, readonly
+from errormodel.errors import InputError
+from errormodel.filtering import Filtered, Steps
+from errormodel.kalman import State
+from sinscal.layout import RigLayout
+from sinscal.priors import RigPrior, make_prior
+from sinscal.rigfilter import Nominal, RigNoise, cycle_data
+from sinscal.rigpass import Pass, RigFilter
+from sinscal.run import RigFacts, RigRun
+from sinscal.sensors import SensorModel, sensor_model
+
+Mode = Literal["coarse", "precise"]
+INTERVAL_S = 1.0
+# Iteration ends when no unknown moves by more than this share of its sigma.
+STEP_SIGMAS = 0.02
+# Refused beyond so many sigmas: of 10⁴ good scalar innovations one in 10⁵ runs loses one.
+GATE_SIGMAS = 7.0
+# North that is found no better than this is no north: the gyros do not feel the earth.
+NORTH_SIGMA_RAD = 0.3
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class RigCalibration:
+    """What a calibration found.
+
+    Attributes
+    ----------
+    mode : str
+    sensors : SensorModel
+    names, values, cov
+        Of all constants: the sensors' unknowns first, then the rig's; SI.
+    layout : RigLayout
+    nominal : Nominal
+        Where the filter ended.
+    start : State
+        What the last pass started from.
+    steps : Steps
+        Of the last pass.
+    filtered : Filtered
+        What it made of them.
+    cycle_of_step : ndarray of int, shape (K,)
+        −1 for the steps that begin a cycle.
+    time_s : ndarray, shape (K,)
+        End of each step from the start of its cycle.
+    prior : RigPrior
+    noise : RigNoise
+    iterations : int
+    converged : bool
+    north_sigma_rad : ndarray, shape (cycles,)
+        How well gyrocompassing alone found north.
+    warnings : tuple of str
+    """
+
+    mode: str
+    sensors: SensorModel
+    names: tuple[str, ...]
+    values: FloatArray
+    cov: FloatArray
+    layout: RigLayout
+    nominal: Nominal
+    start: State
+    steps: Steps
+    filtered: Filtered
+    cycle_of_step: IntArray
+    time_s: FloatArray
+    prior: RigPrior
+    noise: RigNoise
+    iterations: int
+    converged: bool
+    north_sigma_rad: FloatArray
+    warnings: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        freeze(self, values=readonly(self.values), cov=readonly(self.cov))
+
+    @property
+    def sigmas(self) -> FloatArray:
+        """Standard deviations, in the order of `names`."""
+        return np.sqrt(np.diag(self.cov))
+
+    def value(self, name: str) -> float:
+        """Return one estimate."""
+        return float(self.values[self.names.index(name)])
+
+    def sigma(self, name: str) -> float:
+        """Return one standard deviation."""
+        return float(self.sigmas[self.names.index(name)])
+
+
+def calibrate(
+    run: RigRun,
+    mode: Mode = "coarse",
+    *,
+    sensors: SensorModel | None = None,
+    prior: RigPrior | None = None,
+    noise: RigNoise | None = None,
+    interval_s: float = INTERVAL_S,
+    gate: float = GATE_SIGMAS,
+) -> RigCalibration:
+    """Calibrate a SINS.
+
+    Parameters
+    ----------
+    run : RigRun
+    mode : {"coarse", "precise"}
+        Without the rig's angle, or with it.
+    sensors : SensorModel, optional
+        What to estimate; by default biases, scale errors and misalignments.
+    prior : RigPrior, optional
+    noise : RigNoise, optional
+        By default the densities in the run's facts.
+    interval_s : float
+        Between two measurements of the filter; the data are summed at their full rate.
+    gate : float
+        Innovations beyond so many sigmas are refused and logged.
+
+    Returns
+    -------
+    RigCalibration
+
+    Raises
+    ------
+    InputError
+        If the run lacks what the mode needs.
+    """
+    _check(run, mode)
+    wanted = ("rig_time_offset",) if mode == "precise" else ()
+    sensors = sensors or sensor_model(gravity_m_s2=run.facts.site.gravity_m_s2)
+    if wanted and not sensors.channels[6].model.names:
+        sensors = sensors.with_angle_groups(wanted)
+    prior = prior or make_prior(sensors)
+    noise = noise or noise_of(run.facts, mode)
+    cycles = cycle_data(run, interval_s)
+    rig = RigFilter(facts=run.facts, cycles=cycles, sensors=sensors, prior=prior, noise=noise)
+    nominal, north = rig.find_north(interval_s)
+    if mode == "precise":
+        nominal = rig.with_platform(nominal)
+    layout = rig.layout(angle=mode == "precise")
+    ended = rig.iterate(nominal, layout, gate, STEP_SIGMAS)
+    return _result(rig, mode, ended, layout, north, run)
+
+
+def _check(run: RigRun, mode: Mode) -> None:
+    if mode == "precise" and run.rig_angle_rad is None:
+        raise InputError(run.source, "rig_angle_rad", "missing; precise mode needs the rig's angle")
+    if mode == "precise" and run.facts.axis_of_cycle is None:
+        raise InputError(
+            run.source, "axis_of_cycle", "missing; precise mode needs each cycle's rotation axis"
+        )
+
+
+def noise_of(facts: RigFacts, mode: Mode) -> RigNoise:
+    """Return the noise that a run's facts state.
+
+    Raises
+    ------
+    InputError
+        If a density is not stated.
+    """
+    needed = {"gyro_noise": facts.gyro_noise, "accel_noise": facts.accel_noise}
+    if mode == "precise":
+        needed["angle_noise"] = facts.angle_noise
+    for name, value in needed.items():
+        if not value:
+            raise InputError("the run's facts", name, "missing; a density of white noise, > 0")
+    return RigNoise(
+        gyro=facts.gyro_noise or 0.0,
+        accel=facts.accel_noise or 0.0,
+        angle=facts.angle_noise or 0.0,
+    )
+
+
+def _result(
+    rig: RigFilter, mode: str, ended: Pass, layout: RigLayout, north: FloatArray, run: RigRun
+) -> RigCalibration:
+    x, cov = ended.filtered.state.x, ended.filtered.state.cov
+    last = ended.nominal.improved(x, layout)
+    order = layout.reported
+    values = np.append(last.values, last.mount) if layout.angle else last.values
+    lengths = [c.first.size - 1 for c in rig.cycles]
+    cycle_of_step = np.concatenate([[-1] + [k] * m for k, m in enumerate(lengths)])
+    times = [np.concatenate([[0.0], c.measured.time_s[c.first[1:] - 1]]) for c in rig.cycles]
+    return RigCalibration(
+        mode=mode,
+        sensors=rig.sensors,
+        names=tuple(layout.names[i] for i in order),
+        values=values,
+        cov=cov[np.ix_(order, order)],
+        layout=layout,
+        nominal=ended.nominal,
+        start=ended.start,
+        steps=ended.steps,
+        filtered=ended.filtered,
+        cycle_of_step=cycle_of_step,
+        time_s=np.concatenate(times),
+        prior=rig.prior,
+        noise=rig.noise,
+        iterations=ended.iterations,
+        converged=ended.converged,
+        north_sigma_rad=north,
+        warnings=run.warnings,
+    )

@@ -1,0 +1,192 @@
+"""One pass of the rig filter over all cycles, repeated until the nominal no longer moves."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from errormodel.arrays import FloatArray
+from errormodel.filtering import Filtered, Steps, run_filter
+from errormodel.kalman import State, initial_state
+from sinscal.alignment import azimuth_of, find_north, level_nominal, mean_axis
+from sinscal.attitude import rotation, rotvec_of
+from sinscal.layout import RigLayout
+from sinscal.priors import RigPrior
+from sinscal.rigfilter import CycleData, Nominal, RigNoise, make_steps
+from sinscal.run import RigFacts
+from sinscal.sensors import SensorModel
+
+MAX_ITERATIONS = 15
+# North is sought only until nothing moves by more than this: the next filter goes on from there.
+ROUGHLY_SIGMAS = 0.3
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Pass:
+    """What the last pass started from, its steps, and what the filter made of them."""
+
+    nominal: Nominal
+    start: State
+    steps: Steps
+    filtered: Filtered
+    iterations: int
+    converged: bool
+
+
+def _moved(state: State, layout: RigLayout) -> float:
+    """Return the largest step of a constant in its sigmas."""
+    x, sigma = state.x[layout.moving :], state.sigmas[layout.moving :]
+    free = sigma > 0.0
+    return float(np.max(np.abs(x[free]) / sigma[free]))
+
+
+def spread_of(filtered: Filtered) -> float:
+    """Return the sigma of the normalised innovations, all of them, by their median: 1 is right."""
+    seen = np.isfinite(filtered.innovation)
+    size = np.abs(filtered.innovation[seen]) / np.sqrt(filtered.variance[seen])
+    return float(np.median(size)) / 0.6745
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class RigFilter:
+    """The rig filter of one run: its data, its sensors, and what is known beforehand."""
+
+    facts: RigFacts
+    cycles: Sequence[CycleData]
+    sensors: SensorModel
+    prior: RigPrior
+    noise: RigNoise
+
+    def layout(self, *, wander: bool = False, angle: bool = False) -> RigLayout:
+        """Return the states of a pass."""
+        return RigLayout(
+            cycles=len(self.cycles),
+            parameters=self.sensors.names,
+            drift=self.noise.drifts,
+            wander=wander,
+            angle=angle,
+            remount=angle and self.prior.remount_sigma_rad > 0.0,
+        )
+
+    def find_north(self, interval_s: float) -> tuple[Nominal, FloatArray]:
+        """Level, then gyrocompass: iterate in axes of any azimuth, and turn them to north.
+
+        The data are taken at a lower rate: the filter that follows takes them at their own.
+        """
+        site = self.facts.site
+        layout = self.layout(wander=True)
+        rough = replace(self, cycles=[c.thinned(interval_s) for c in self.cycles])
+        nominal = level_nominal(rough.cycles, self.sensors, self.prior.values, site)
+        ended = rough.iterate(nominal, layout, np.inf, ROUGHLY_SIGMAS)
+        north = find_north(ended.nominal, ended.filtered.state.cov, layout, site)
+        return north.nominal, north.sigma_rad
+
+    def with_platform(self, nominal: Nominal) -> Nominal:
+        """Return the nominal with the platform's attitude at angle zero, from the first minute."""
+        bases: list[FloatArray] = []
+        for k, cycle in enumerate(self.cycles):
+            assert cycle.angle is not None
+            assert cycle.axis is not None
+            unit = np.eye(3)[cycle.axis]
+            back = rotation(-float(cycle.angle[0]) * unit)
+            first = rotation(self.sensors.corrected(cycle.measured, nominal.values).w[0]
+                             * cycle.measured.step_s[0])  # fmt: skip
+            bases.append(nominal.c_start[k] @ first @ back)
+        return replace(
+            nominal,
+            base=tuple(bases),
+            remount=tuple(np.zeros(3) for _ in self.cycles),
+        )
+
+    def iterate(self, nominal: Nominal, layout: RigLayout, gate: float, enough: float) -> Pass:
+        """Filter, improve the nominal, and again, until nothing moves by `enough` sigmas."""
+        anchor = nominal
+        count, limit, calm = 0, np.inf, False
+        while True:
+            steps = make_steps(
+                self.cycles, self.sensors, nominal, layout, self.noise,
+                self.facts.site.gravity_m_s2,
+            )  # fmt: skip
+            start = self.start(nominal, anchor, layout)
+            filtered = run_filter(start, steps, gate=limit)
+            if (calm and limit == gate) or count >= MAX_ITERATIONS:
+                return Pass(
+                    nominal=nominal,
+                    start=start,
+                    steps=steps,
+                    filtered=filtered,
+                    iterations=count,
+                    converged=calm and limit == gate,
+                )
+            count += 1
+            moved = _moved(filtered.state, layout)
+            nominal = nominal.improved(filtered.state.x, layout)
+            calm = moved < enough
+            if calm or limit < np.inf:
+                # the gate closes as far as what is left of outliers and of the linearisation allows
+                limit = gate * max(1.0, 0.8 * spread_of(filtered))
+                limit = gate if limit < 1.05 * gate else limit
+
+    def start(self, nominal: Nominal, anchor: Nominal, layout: RigLayout) -> State:
+        """Return the state before all data: what is known beforehand, about the nominal."""
+        prior, n = self.prior, layout.size
+        x, cov = np.zeros(n), np.zeros((n, n))
+        unknown = layout.unknowns
+        x[unknown] = prior.values - nominal.values
+        cov[unknown, unknown] = prior.cov
+        if layout.drift:
+            pairs = ((3, self.noise.gyro_instability), (6, self.noise.accel_instability))
+            for first, sigma in pairs:
+                cov[first : first + 3, first : first + 3] = np.eye(3) * sigma**2
+        for k in range(layout.cycles):
+            self._start_cycle(x, cov, nominal, anchor, layout, k)
+        if not layout.wander:
+            self._azimuth_prior(x, cov, nominal, layout)
+        if layout.angle:
+            place = layout.mount
+            x[place] = -nominal.mount
+            cov[place, place] = np.eye(3) * prior.mount_sigma_rad**2
+        return initial_state(x, cov)
+
+    def _start_cycle(
+        self,
+        x: FloatArray,
+        cov: FloatArray,
+        nominal: Nominal,
+        anchor: Nominal,
+        layout: RigLayout,
+        k: int,
+    ) -> None:
+        prior = self.prior
+        place = layout.start(k)
+        sigmas = np.full(3, prior.start_sigma_rad)
+        if layout.wander:
+            sigmas[2] = 0.0  # the azimuth of the axes is what it is
+            rate = layout.earth_rate(k)
+            x[rate] = -nominal.earth[k][:2]
+            cov[rate, rate] = np.eye(2) * self.facts.site.earth_rate[1] ** 2
+        elif prior.azimuth_sigma_rad is not None:
+            sigmas[2] = prior.azimuth_sigma_rad
+        cov[place, place] = np.diag(sigmas**2)
+        if layout.angle:
+            base = layout.base(k)
+            x[base] = rotvec_of(anchor.base[k] @ nominal.base[k].T)
+            cov[base, base] = np.eye(3) * prior.base_sigma_rad**2
+        if layout.angle and layout.remount:
+            more = layout.remounted(k)
+            x[more] = -nominal.remount[k]
+            cov[more, more] = np.eye(3) * prior.remount_sigma_rad**2
+
+    def _azimuth_prior(
+        self, x: FloatArray, cov: FloatArray, nominal: Nominal, layout: RigLayout
+    ) -> None:
+        """Put in the azimuth of the rotation axis when it is given: one error for all cycles."""
+        facts = self.facts
+        if facts.azimuth_rad is None:
+            return
+        up = [layout.start(k).start + 2 for k in range(layout.cycles)]
+        for k, cycle in enumerate(self.cycles):
+            found = azimuth_of(nominal.c_start[k] @ mean_axis(cycle))
+            apart = facts.azimuth_rad - found
+            x[up[k]] = -((apart + np.pi) % (2.0 * np.pi) - np.pi)
+        cov[np.ix_(up, up)] = facts.azimuth_sigma_rad**2 * np.ones((len(up), len(up)))
