@@ -32,6 +32,7 @@ __all__ = [
     "OutputScale",
     "RecordedRuns",
     "Sidecar",
+    "join_runs",
     "make_runs",
     "read_runs",
     "sidecar_path",
@@ -113,7 +114,7 @@ def read_runs(paths: Sequence[Path | str]) -> RecordedRuns:
     """
     if not paths:
         raise InputError("recorded runs", "", "no file given, expected at least one")
-    return _join([_read_one(Path(path)) for path in paths])
+    return join_runs([_read_one(Path(path)) for path in paths])
 
 
 def make_runs(
@@ -190,7 +191,14 @@ def _read_one(path: Path) -> RecordedRuns:
     return build(table, sidecar.scale, sidecar.run_start_utc)
 
 
-def _join(parts: Sequence[RecordedRuns]) -> RecordedRuns:
+def join_runs(parts: Sequence[RecordedRuns]) -> RecordedRuns:
+    """Put recorded runs together; unit, gravity and scale may differ from part to part.
+
+    Raises
+    ------
+    InputError
+        If a run is in two parts with the same readings, or with different meanings.
+    """
     if len(parts) == 1:
         return parts[0]
     scales: dict[tuple[str, str], OutputScale] = {}

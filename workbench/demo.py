@@ -20,7 +20,8 @@ from thermo.station_emulated import default_station, run_emulated
 from thermo.station_types import Observer, TestOutcome
 from thermo.store_files import export_recorded, open_existing_store
 from thermo.uniformity import RampVerdict, judge_test
-from workbench.report import ReportExtras, ReportTable, write_report
+from workbench.page import ReportTable
+from workbench.report import ReportExtras, write_report
 
 # What nobody fitting the data is told: the third accelerometer's bias lags behind its temperature.
 HIDDEN: Mapping[str, Mapping[str, float]] = {
