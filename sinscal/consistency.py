@@ -20,6 +20,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from errormodel.arrays import FloatArray, IntArray
+from errormodel.filtering import Filtered
 from sinscal.holdout import HoldOut
 
 FORCES = ("force_e", "force_n", "force_u")
@@ -74,9 +75,9 @@ class Consistency:
     nis : Nis
         Over forces and the rig's angle along its axis.
     channels : tuple of Channel
-    wobble : Nis, optional
-        Of the rows across the rig's axis: at most the upper end of its interval when the assumed
-        wobble is the bound it should be.
+    bounded : Nis, optional
+        Of the rows whose assumed noise is a bound (the rig's axis across itself; positions): at
+        most the upper end of its interval when it is.
     held_out : HoldOut, optional
     noise_known : bool
         False when the noise was taken from the same data: then NIS says nothing.
@@ -85,7 +86,7 @@ class Consistency:
 
     nis: Nis
     channels: tuple[Channel, ...]
-    wobble: Nis | None
+    bounded: Nis | None
     held_out: HoldOut | None
     noise_known: bool
     converged: bool
@@ -101,9 +102,9 @@ class Consistency:
         return self._least("slow_p") >= FALSE_ALARM / len(self.channels)
 
     @property
-    def axis_steady(self) -> bool:
-        """Whether the rig's axis moves no more than assumed."""
-        return self.wobble is None or self.wobble.mean <= self.wobble.interval[1]
+    def within_bound(self) -> bool:
+        """Whether what was bounded (the wobble of the rig's axis) is within its bound."""
+        return self.bounded is None or self.bounded.mean <= self.bounded.interval[1]
 
     @property
     def repeats(self) -> bool:
@@ -114,7 +115,7 @@ class Consistency:
     def passed(self) -> bool:
         """Whether everything is as it should be."""
         nis = self.nis.passed or not self.noise_known
-        return all((self.converged, nis, self.white, self.steady, self.axis_steady, self.repeats))
+        return all((self.converged, nis, self.white, self.steady, self.within_bound, self.repeats))
 
     def _least(self, name: str) -> float:
         return min(float(getattr(c, name)) for c in self.channels)
@@ -131,9 +132,10 @@ def nis_of(normalised: FloatArray) -> Nis:
     )
 
 
-def normalised_rows(innovation: FloatArray, variance: FloatArray, used: FloatArray) -> FloatArray:
+def normalised_rows(filtered: Filtered) -> FloatArray:
     """Return normalised innovations, NaN where none was used, shape (K, m)."""
-    return np.where(used, innovation / np.sqrt(np.where(used, variance, 1.0)), np.nan)
+    sigma = np.sqrt(np.where(filtered.used, filtered.variance, 1.0))
+    return np.where(filtered.used, filtered.innovation / sigma, np.nan)
 
 
 def ljung_box(series: Sequence[FloatArray], lags: int = LAGS) -> float:
@@ -174,32 +176,42 @@ def slow_drift(series: Sequence[FloatArray], length: int = SLOW_INTERVALS) -> fl
     return float(chi2.sf(total, count)) if count else 1.0
 
 
-def channel_names(rows: int) -> tuple[str, ...]:
-    """Return the names of a filter's measurements, three or six in a step."""
-    return FORCES if rows == 3 else (*FORCES, ALONG, *ACROSS)
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rows:
+    """The rows of a filter's measurements: their names, and which are white when all is right.
+
+    The noise assumed for the others is a bound.
+    """
+
+    names: tuple[str, ...]
+    white: tuple[int, ...]
+
+
+def rows_of_rig(count: int) -> Rows:
+    """Return the rows of the rig filter, three (coarse) or six (precise)."""
+    names = FORCES if count == 3 else (*FORCES, ALONG, *ACROSS)
+    return Rows(names=names, white=tuple(k for k, name in enumerate(names) if name not in ACROSS))
 
 
 def judge_innovations(
-    normalised: FloatArray, cycle_of_step: IntArray
+    normalised: FloatArray, cycle_of_step: IntArray, rows: Rows
 ) -> tuple[Nis, tuple[Channel, ...], Nis | None]:
-    """Judge normalised innovations (K, m): all of them, each channel, and the rig's axis."""
-    names = channel_names(normalised.shape[1])
-    judged = [k for k, name in enumerate(names) if name not in ACROSS]
+    """Judge normalised innovations (K, m): all white ones, each of them, and the bounded ones."""
     cycles = [normalised[cycle_of_step == k] for k in range(int(cycle_of_step.max()) + 1)]
     channels: list[Channel] = []
-    for k in judged:
+    for k in rows.white:
         series = [c[:, k] for c in cycles]
         channels.append(
             Channel(
-                name=names[k],
+                name=rows.names[k],
                 nis=nis_of(_seen(normalised[:, k])),
                 white_p=ljung_box(series),
                 slow_p=slow_drift(series),
             )
         )
-    across = _seen(normalised[:, len(judged) :])
-    wobble = nis_of(across) if across.size else None
-    return nis_of(_seen(normalised[:, judged])), tuple(channels), wobble
+    others = [k for k in range(len(rows.names)) if k not in rows.white]
+    bounded = nis_of(_seen(normalised[:, others])) if others else None
+    return nis_of(_seen(normalised[:, list(rows.white)])), tuple(channels), bounded
 
 
 def _seen(values: FloatArray) -> FloatArray:
@@ -207,21 +219,17 @@ def _seen(values: FloatArray) -> FloatArray:
 
 
 def refused_of(
-    innovation: FloatArray,
-    variance: FloatArray,
-    used: FloatArray,
-    cycle_of_step: IntArray,
-    time_s: FloatArray,
+    filtered: Filtered, cycle_of_step: IntArray, time_s: FloatArray, rows: Rows
 ) -> tuple[Refused, ...]:
     """Return the measurements that the gate refused, in order of time."""
-    names = channel_names(innovation.shape[1])
-    out = np.isfinite(innovation) & ~np.asarray(used, dtype=np.bool_)
+    out = np.isfinite(filtered.innovation) & ~filtered.used
+    sigmas = filtered.innovation / np.sqrt(filtered.variance)
     return tuple(
         Refused(
             cycle=int(cycle_of_step[k]),
             time_s=float(time_s[k]),
-            channel=names[j],
-            sigmas=float(innovation[k, j] / np.sqrt(variance[k, j])),
+            channel=rows.names[j],
+            sigmas=float(sigmas[k, j]),
         )
         for k, j in np.argwhere(out).tolist()
     )

@@ -32,15 +32,15 @@ class HoldOut:
         two.
     before_m_s2, after_m_s2 : float
         Rms of the force that the cycle's readings leave over gravity, with the prior's values and
-        with those of the other cycles; its attitude is its own.
+        with those of the other cycles; its attitude is its own. None where forces are not read.
     """
 
     cycle: int
     chi2: float
     dof: int
     p_value: float
-    before_m_s2: float
-    after_m_s2: float
+    before_m_s2: float | None = None
+    after_m_s2: float | None = None
 
 
 def shift_test(
@@ -76,7 +76,7 @@ def hold_out(
     cov: FloatArray,
     without: FloatArray,
     cov_without: FloatArray,
-    residuals_m_s2: tuple[float, float],
+    residuals_m_s2: tuple[float, float] | None = None,
 ) -> HoldOut:
     """Put the test of a shift and the residuals before and after together."""
     found, dof = shift_test(values, cov, without, cov_without)
@@ -85,8 +85,8 @@ def hold_out(
         chi2=found,
         dof=dof,
         p_value=float(chi2.sf(found, dof)) if dof else 1.0,
-        before_m_s2=residuals_m_s2[0],
-        after_m_s2=residuals_m_s2[1],
+        before_m_s2=residuals_m_s2[0] if residuals_m_s2 else None,
+        after_m_s2=residuals_m_s2[1] if residuals_m_s2 else None,
     )
 
 

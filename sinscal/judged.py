@@ -11,15 +11,19 @@ from sinscal.calibrate import GATE_SIGMAS, INTERVAL_S, Mode, RigCalibration, cal
 from sinscal.consistency import (
     Consistency,
     Refused,
+    Rows,
     judge_innovations,
     normalised_rows,
     refused_of,
+    rows_of_rig,
 )
 from sinscal.holdout import HoldOut, force_residual, hold_out
+from sinscal.navigation import NavCalibration, calibrate_navigation
 from sinscal.noise_estimate import NoiseFound, noise_of_run, refined
 from sinscal.observability import Observability, observability
 from sinscal.priors import PriorFile, RigPrior, make_prior
-from sinscal.run import RigRun
+from sinscal.rigfilter import RigNoise
+from sinscal.run import NavRun, RigRun
 from sinscal.sensors import T_REF_C, SensorModel, sensor_model
 from sinscal.terms import BASIC, TIME_OFFSET
 
@@ -27,6 +31,7 @@ NOISE_FACTOR = 1.5  # by which the sigma of the innovations may be off before it
 PRIOR_SIGMAS = 6.0
 
 Tell = Callable[[str], None]
+Calibration = RigCalibration | NavCalibration
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,7 +68,8 @@ class Options:
 class Judged:
     """A calibration with its judgement; `warnings` holds all of them, each begun by its name."""
 
-    found: RigCalibration
+    found: Calibration
+    rows: Rows
     consistency: Consistency
     observability: Observability
     refused: tuple[Refused, ...]
@@ -116,10 +122,45 @@ def calibrate_and_judge(run: RigRun, options: Options, tell: Tell = lambda _: No
     if options.hold_out and len(run.cycles) > 1:
         tell("without the last cycle")
         held = _held_out(run, found, lambda part: once(part, noise), options.interval_s)
-    return judge(found, run.cycles, np.asarray(run.flag), held, noise)
+    flag = np.asarray(run.flag)
+    return judge(
+        found,
+        [int(np.sum(flag[rows])) for rows in run.cycles],
+        held,
+        noise_known=not {"accelerometer", "angle"} & {*noise.estimated},
+        warnings=noise.warnings,
+    )
 
 
-def model_for(run: RigRun, options: Options) -> SensorModel:
+def judge_navigation(run: NavRun, options: Options, tell: Tell = lambda _: None) -> Judged:
+    """Calibrate a SINS from its navigation outputs, and judge the result.
+
+    Parameters
+    ----------
+    run : NavRun
+    options : Options
+        `mode` and what concerns the rig's filter alone are not used.
+    tell : callable, optional
+
+    Raises
+    ------
+    InputError
+        If the run lacks what is asked for.
+    """
+    sensors = model_for(run, replace(options, mode="coarse"))
+    prior = make_prior(sensors, options.priors)
+    tell(f"calibrating: {len(sensors.names)} unknowns, {len(run.cycles)} cycle(s)")
+    found = calibrate_navigation(run, sensors=sensors, prior=prior)
+    held, last = None, len(run.cycles) - 1
+    if options.hold_out and last > 0:
+        tell("without the last cycle")
+        part = run.take_cycles(range(last))
+        others = calibrate_navigation(part, sensors=sensors, prior=prior, noise=found.noise)
+        held = hold_out(last, found.values, found.cov, others.values, others.cov)
+    return judge(found, [0] * len(run.cycles), held)
+
+
+def model_for(run: RigRun | NavRun, options: Options) -> SensorModel:
     """Return the sensor model that options ask for.
 
     Raises
@@ -172,49 +213,62 @@ def _held_out(
 
 
 def judge(
-    found: RigCalibration,
-    cycles: Sequence[slice],
-    flag: FloatArray,
+    found: Calibration,
+    flagged: Sequence[int],
     held: HoldOut | None,
-    noise: NoiseFound,
+    noise_known: bool = True,
+    warnings: Sequence[str] = (),
 ) -> Judged:
     """Judge a calibration by its innovations, a cycle held out and what was known beforehand.
 
     Parameters
     ----------
-    found : RigCalibration
-    cycles : sequence of slice
-        The rows of each cycle.
-    flag : ndarray of bool, shape (n,)
-        Rows not used as measurements.
+    found : RigCalibration or NavCalibration
+    flagged : sequence of int
+        How many rows of each cycle were not used as measurements.
     held : HoldOut, optional
-    noise : NoiseFound
+    noise_known : bool
+        Whether the noise is not from the same data.
+    warnings : sequence of str
+        Known before.
     """
-    filtered = found.filtered
-    rows = normalised_rows(filtered.innovation, filtered.variance, filtered.used)
-    nis, channels, wobble = judge_innovations(rows, found.cycle_of_step)
+    if isinstance(found, RigCalibration):
+        rows = rows_of_rig(found.steps.h.shape[1])
+        states, converged = found.layout.names, found.converged
+    else:
+        rows = rows_of_navigation(found)
+        states, converged = found.states, True
+    nis, channels, bounded = judge_innovations(
+        normalised_rows(found.filtered), found.cycle_of_step, rows
+    )
     consistency = Consistency(
         nis=nis,
         channels=channels,
-        wobble=wobble,
+        bounded=bounded,
         held_out=held,
-        noise_known="accelerometer" not in noise.estimated and "angle" not in noise.estimated,
-        converged=found.converged,
+        noise_known=noise_known,
+        converged=converged,
     )
-    own = [found.layout.names.index(name) for name in found.names]
+    own = [states.index(name) for name in found.names]
     return Judged(
         found=found,
+        rows=rows,
         consistency=consistency,
         observability=observability(found.names, found.cov, found.start.sigmas[own]),
-        refused=refused_of(
-            filtered.innovation, filtered.variance, filtered.used, found.cycle_of_step, found.time_s
-        ),
-        flagged=tuple(int(np.sum(flag[rows])) for rows in cycles),
-        warnings=(*found.warnings, *noise.warnings, *_contradictions(found, consistency)),
+        refused=refused_of(found.filtered, found.cycle_of_step, found.time_s, rows),
+        flagged=tuple(flagged),
+        warnings=(*found.warnings, *warnings, *_contradictions(found, consistency)),
     )
 
 
-def _contradictions(found: RigCalibration, consistency: Consistency) -> list[str]:
+def rows_of_navigation(found: NavCalibration) -> Rows:
+    """Return the rows of the filter of navigation outputs."""
+    axes = "enu" if found.free_height else "en"
+    names = tuple(f"{what}_{a}" for what in ("velocity", "position") for a in axes)
+    return Rows(names=names, white=found.judged)
+
+
+def _contradictions(found: Calibration, consistency: Consistency) -> list[str]:
     out: list[str] = []
     sigma = float(np.sqrt(consistency.nis.mean))
     if consistency.noise_known and not 1 / NOISE_FACTOR < sigma < NOISE_FACTOR:
@@ -223,16 +277,22 @@ def _contradictions(found: RigCalibration, consistency: Consistency) -> list[str
             "stated allows; all sigmas are wrong by about that, or the model lacks something"
         )
     if not (consistency.white and consistency.steady):
-        drift = found.noise.drifts
         out.append(
             "coloured_innovations: the innovations are not white: the sensors drift slowly or the "
-            "model lacks something, and the sigmas are too small; "
-            + ("the drift allowed for does not explain it" if drift else "see --gyro-instability")
+            "model lacks something, and the sigmas are too small; " + _advice(found)
         )
     out += prior_contradictions(found.names, found.values, found.sensors, found.prior)
-    if not found.converged:
-        out.append(f"not_converged: the estimates still move after {found.iterations} iterations")
+    if not consistency.converged:
+        out.append("not_converged: the estimates still move; the values are not to be used")
     return out
+
+
+def _advice(found: Calibration) -> str:
+    if isinstance(found.noise, RigNoise):
+        if found.noise.drifts:
+            return "the drift allowed for does not explain it"
+        return "--gyro-instability and --accel-instability allow for drift"
+    return "the outputs do not agree with the noise stated"
 
 
 def prior_contradictions(

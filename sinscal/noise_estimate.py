@@ -7,7 +7,7 @@ import numpy as np
 
 from errormodel.arrays import FloatArray
 from errormodel.filtering import Filtered
-from sinscal.consistency import ALONG, channel_names
+from sinscal.consistency import ALONG, rows_of_rig
 from sinscal.rigfilter import RigNoise
 from sinscal.run import RigFacts, RigRun
 
@@ -90,7 +90,7 @@ def refined(before: NoiseFound, filtered: Filtered) -> NoiseFound:
     """
     noise = before.noise
     size = np.abs(filtered.innovation) / np.sqrt(filtered.variance)
-    names = channel_names(size.shape[1])
+    names = rows_of_rig(size.shape[1]).names
     along = names.index(ALONG) if ALONG in names else None
     if "accelerometer" in before.estimated:
         noise = replace(noise, accel=noise.accel * _spread(size[:, :3]))

@@ -17,9 +17,10 @@ from errormodel.errors import InputError
 from errormodel.files import check, read_text
 from sinscal.calibrate import RigCalibration
 from sinscal.consistency import Consistency, Nis
-from sinscal.judged import Judged
+from sinscal.judged import Calibration, Judged
 from sinscal.observability import GAUGE, Observability
 from sinscal.priors import group_of
+from sinscal.rigfilter import RigNoise
 from sinscal.run import NavRun, RigRun
 from sinscal.sensors import SensorModel, sensor_model
 
@@ -103,7 +104,7 @@ class RigResult(_Part):
     gauge: str = GAUGE
     noise: dict[str, float | None]
     run: RunFacts
-    iterations: int
+    iterations: int | None
     converged: bool
     north: tuple[dict[str, float], ...] = ()
     consistency: dict[str, Any]
@@ -174,12 +175,9 @@ def make_result(judged: Judged, run: RigRun | NavRun) -> RigResult:
             latitude_deg=float(np.rad2deg(site.lat_rad)),
             height_m=site.height_m,
         ),
-        iterations=found.iterations,
-        converged=found.converged,
-        north=tuple(
-            {"azimuth_deg": float(np.rad2deg(a)), "sigma_deg": float(np.rad2deg(s))}
-            for a, s in zip(found.north_azimuth_rad, found.north_sigma_rad, strict=True)
-        ),
+        iterations=found.iterations if isinstance(found, RigCalibration) else None,
+        converged=judged.consistency.converged,
+        north=_north(found),
         consistency=consistency_document(judged.consistency),
         observability=observability_document(judged.observability),
         refused=_refused(judged),
@@ -217,32 +215,44 @@ def read_result(path: Path | str) -> RigResult:
     return result
 
 
-def _parameters(found: RigCalibration) -> dict[str, ParameterValue]:
+def _parameters(found: Calibration) -> dict[str, ParameterValue]:
     units = found.sensors.units
     rows = zip(found.names, found.values.tolist(), found.sigmas.tolist(), strict=True)
     return {n: ParameterValue(value=v, sigma=s, unit=units.get(n, "rad")) for n, v, s in rows}
 
 
-def _priors(found: RigCalibration) -> dict[str, PriorValue]:
+def _priors(found: Calibration) -> dict[str, PriorValue]:
     sigma = np.sqrt(np.diag(found.prior.cov)).tolist()
     out = {
         n: PriorValue(mean=m, sigma=s)
         for n, m, s in zip(found.sensors.names, found.prior.values.tolist(), sigma, strict=True)
     }
     mounts = [n for n in found.names if n.startswith(MOUNT)]
-    return out | {n: PriorValue(mean=0.0, sigma=found.prior.mount_sigma_rad) for n in mounts}
+    mount = found.prior.mount_sigma_rad
+    return out | {n: PriorValue(mean=0.0, sigma=mount) for n in mounts}
 
 
-def _noise(found: RigCalibration) -> dict[str, float | None]:
+def _noise(found: Calibration) -> dict[str, float | None]:
     noise = found.noise
-    return {
-        "gyro_rad_s_rthz": noise.gyro,
-        "accel_m_s2_rthz": noise.accel,
-        "angle_rad_rthz": noise.angle or None,
-        "gyro_instability_rad_s": noise.gyro_instability,
-        "accel_instability_m_s2": noise.accel_instability,
-        "instability_tau_s": noise.instability_tau_s,
-    }
+    common = {"gyro_rad_s_rthz": noise.gyro, "accel_m_s2_rthz": noise.accel}
+    if isinstance(noise, RigNoise):
+        return {
+            **common,
+            "angle_rad_rthz": noise.angle or None,
+            "gyro_instability_rad_s": noise.gyro_instability,
+            "accel_instability_m_s2": noise.accel_instability,
+            "instability_tau_s": noise.instability_tau_s,
+        }
+    return {**common, "velocity_m_s": noise.velocity_m_s, "position_m": noise.position_m}
+
+
+def _north(found: Calibration) -> tuple[dict[str, float], ...]:
+    if not isinstance(found, RigCalibration):
+        return ()
+    return tuple(
+        {"azimuth_deg": float(np.rad2deg(a)), "sigma_deg": float(np.rad2deg(s))}
+        for a, s in zip(found.north_azimuth_rad, found.north_sigma_rad, strict=True)
+    )
 
 
 def _nis(nis: Nis) -> dict[str, Any]:
@@ -260,14 +270,14 @@ def consistency_document(c: Consistency) -> dict[str, Any]:
             "nis": c.nis.passed if c.noise_known else None,
             "white": c.white,
             "no_slow_drift": c.steady,
-            "axis_steady": c.axis_steady if c.wobble else None,
+            "within_bound": c.within_bound if c.bounded else None,
             "held_out": c.repeats if held else None,
         },
         "channels": {
             one.name: {**_nis(one.nis), "white_p": one.white_p, "slow_drift_p": one.slow_p}
             for one in c.channels
         },
-        "rig_axis": _nis(c.wobble) if c.wobble else None,
+        "bounded": _nis(c.bounded) if c.bounded else None,
         "held_out": None
         if held is None
         else {
