@@ -25,7 +25,7 @@ from sinscal.priors import make_prior
 from sinscal.programme import article_programme
 from sinscal.rigfilter import RigNoise
 from sinscal.sensors import sensor_model
-from sinscal.terms import BASIC
+from sinscal.terms import BASIC, TIME_OFFSET
 
 Base = Literal["known", "same", "free"]
 
@@ -205,9 +205,7 @@ class ArticleAnalysis:
         key = (angle, remounted)
         if key not in self._made:
             programme = article_programme()
-            sensors = sensor_model(BASIC)
-            if angle:
-                sensors = sensors.with_angle_groups(("rig_time_offset",))
+            sensors = sensor_model((*BASIC, TIME_OFFSET) if angle else BASIC)
             prior = make_prior(sensors)
             if remounted:
                 prior = replace(prior, mount_sigma_rad=KNOWN_RAD, remount_sigma_rad=MOUNT_SIGMA_RAD)

@@ -13,7 +13,7 @@ from sinscal.programme import Programme, there_and_back
 from sinscal.rigfilter import RigNoise
 from sinscal.sensors import SensorModel, sensor_model
 from sinscal.simulate import SensorNoise, self_heating, simulate_rig
-from sinscal.terms import BASIC
+from sinscal.terms import BASIC, TIME_OFFSET
 
 SHORT = there_and_back((10.0, -10.0), 120.0)
 DRIFTING = RigNoise(
@@ -23,8 +23,7 @@ DRIFTING = RigNoise(
 
 
 def sensors_of(*, angle: bool) -> SensorModel:
-    made = sensor_model(BASIC)
-    return made.with_angle_groups(("rig_time_offset",)) if angle else made
+    return sensor_model((*BASIC, TIME_OFFSET) if angle else BASIC)
 
 
 def found(
