@@ -82,13 +82,29 @@ class PriorFile(BaseModel):
     remount_sigma_rad: Annotated[float, Field(ge=0, le=1)] = 0.0
 
 
-def group_of(name: str) -> str | None:
+def group_of(name: str) -> str:
     """Return the group an unknown belongs to: the longest group name that begins its own.
 
-    None if it is no unknown of `sinscal.terms`: a chamber's coefficient.
+    Raises
+    ------
+    KeyError
+        If it is no unknown of `sinscal.terms`.
     """
     found = [g for g in GROUPS if name == g or name.startswith(f"{g}_")]
-    return max(found, key=len) if found else None
+    if not found:
+        raise KeyError(f"{name} belongs to no group")
+    return max(found, key=len)
+
+
+def _sigma_of(name: str, given: Mapping[str, float]) -> float:
+    """Return an unknown's sigma: its own, its group's, or 0 for what is no group's."""
+    sigmas = {**GROUP_SIGMAS, **given}
+    if name in sigmas:
+        return sigmas[name]
+    try:
+        return sigmas.get(group_of(name), 0.0)
+    except KeyError:  # a chamber's coefficient: its prior is the chamber's
+        return 0.0
 
 
 def make_prior(sensors: SensorModel, file: PriorFile | None = None) -> RigPrior:
@@ -106,8 +122,7 @@ def make_prior(sensors: SensorModel, file: PriorFile | None = None) -> RigPrior:
         for name in getattr(given, part):
             if name not in known or (part == "mean" and name not in names):
                 raise InputError("the priors", f"{part}.{name}", "not an unknown of this model")
-    sigma = {**GROUP_SIGMAS, **given.sigma}
-    sigmas = np.array([sigma.get(n, sigma.get(group_of(n) or "", 0.0)) for n in names])
+    sigmas = np.array([_sigma_of(name, given.sigma) for name in names])
     values = sensors.start_values()
     for name, value in given.mean.items():
         values[names.index(name)] = value
