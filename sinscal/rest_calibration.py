@@ -153,5 +153,5 @@ def _before(rests: Rests, means: FloatArray, fit: TriadFit) -> FloatArray:
     nominal = {"m/s2": 1.0, "g": rests.gravity_m_s2}.get(rests.unit)
     if nominal is not None:
         return nominal * np.linalg.norm(means, axis=1) - rests.gravity_m_s2
-    size = np.linalg.norm(means - fit.model.bias, axis=1)
+    size: FloatArray = np.linalg.norm(means - fit.model.bias, axis=1)
     return rests.gravity_m_s2 * (size / float(np.mean(size)) - 1.0)
