@@ -8,7 +8,7 @@ import numpy as np
 
 from errormodel.arrays import FloatArray
 from errormodel.errors import InputError
-from sinscal.intervals import Intervals, find_intervals, what_is_missing
+from sinscal.intervals import RestIntervals, find_intervals, what_is_missing
 from sinscal.plain_log import read_plain_log, step_of
 from sinscal.recording import read_rig_run
 from sinscal.triad import Gauge, TriadFit, fit_triad
@@ -52,7 +52,7 @@ class RestCalibration:
     """
 
     rests: Rests
-    intervals: Intervals
+    intervals: RestIntervals
     fit: TriadFit
     before_m_s2: FloatArray
     forces: FloatArray
