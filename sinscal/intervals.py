@@ -29,7 +29,7 @@ SHARE = 0.05  # of the windows, and of the largest peak: less is no peak
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Intervals:
+class RestIntervals:
     """Stretches at rest, k of them.
 
     Attributes
@@ -90,7 +90,7 @@ def find_intervals(
     window_s: float = WINDOW_S,
     shortest_s: float = SHORTEST_S,
     source: str = "the recording",
-) -> Intervals:
+) -> RestIntervals:
     """Find where all channels are at rest.
 
     Parameters
@@ -175,7 +175,7 @@ def _assemble(
     step_s: float,
     shortest_s: float,
     noise: FloatArray,
-) -> Intervals:
+) -> RestIntervals:
     found: list[tuple[int, int]] = []
     too_short = 0
     shortest = max(round(shortest_s / step_s), 2)
@@ -188,7 +188,7 @@ def _assemble(
     first = np.array([a for a, _ in joined], dtype=np.intp)
     last = np.array([b - 1 for _, b in joined], dtype=np.intp)
     means = [np.mean(values[a:b], axis=0) for a, b in joined]
-    return Intervals(
+    return RestIntervals(
         first=first,
         last=last,
         means=np.array(means).reshape(-1, values.shape[1]),
@@ -215,7 +215,7 @@ def _joined(
     return out
 
 
-def what_is_missing(intervals: Intervals, needed: int) -> str:
+def what_is_missing(intervals: RestIntervals, needed: int) -> str:
     """Say what a recording lacks that has too few rests; empty when there are enough."""
     k = len(intervals)
     if k >= needed:

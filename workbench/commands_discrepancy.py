@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from thermo.atomic import write_files
+from errormodel.atomic import write_files
 from thermo.discrepancy import Discrepancy, find_discrepancy
 from thermo.effects_user import load_effects
 from thermo.fitting import TermsFile, fit_runs, read_terms

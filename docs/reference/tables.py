@@ -21,6 +21,7 @@ from drivers.emulators.faults import REPLY_KINDS
 from drivers.registers import load_map
 from drivers.station import ChamberConfig, FaultKind, StationConfig
 from errormodel.terms import InputChange
+from sinscal.recording import NavSidecar, RigSidecar
 from thermo.fitting import TermsFile
 from thermo.importing_map import LogMap
 from thermo.modelfile import ModelFile
@@ -115,6 +116,17 @@ def keys(model: type[BaseModel], name: str) -> Callable[[], str]:
         return markdown(("key", "kind", "default", "meaning"), rows)
 
     return table
+
+
+def only(table: Callable[[], str], *names: str) -> Callable[[], str]:
+    """Return what makes a table of some of its rows: the others are told elsewhere."""
+
+    def chosen() -> str:
+        head, line, *rows = table().splitlines()
+        kept = [row for row in rows if row.startswith(tuple(f"| `{name}` " for name in names))]
+        return "\n".join([head, line, *kept])
+
+    return chosen
 
 
 def _walk(node: Schema, root: Schema, prefix: str) -> Iterator[tuple[str, str, str]]:
@@ -241,6 +253,8 @@ TABLES: dict[str, Callable[[], str]] = {
     "station": keys(StationConfig, "station"),
     "mapping": keys(LogMap, "mapping"),
     "sidecar": keys(Sidecar, "sidecar"),
+    "rig-sidecar": keys(RigSidecar, "rig-sidecar"),
+    "nav-sidecar": only(keys(NavSidecar, "nav-sidecar"), "body_axes"),
     "termsfile": keys(TermsFile, "termsfile"),
     "modelfile": keys(ModelFile, "modelfile"),
 }
