@@ -175,16 +175,17 @@ def test_a_run_at_one_temperature_gives_what_it_can() -> None:
 
 def test_holds_have_an_allan_deviation() -> None:
     rng = np.random.default_rng(9)
-    frames = [simulate_run(rng, run=f"r{k}", n=400, truth=PLAIN, drift_ug=0.0) for k in range(2)]
-    for frame in frames:  # the ends of a simulated run are holds of 5 % each
-        frame["time_s"] = np.arange(400) * 12.0
+    # the first and last twentieth of a simulated run are holds: 2 × 2 × 60 readings of 5 µg
+    frames = [simulate_run(rng, run=f"r{k}", n=1200, truth=PLAIN, drift_ug=0.0) for k in range(2)]
     runs = make_runs(
         pd.concat(frames), output_unit="mA", gravity_m_s2=9.80665, nominal_scale=NOMINAL
     )
     (one,) = judge_stability(runs, terms=TERMS).accelerometers
-    readings = one.allan.terms[0] if one.allan.terms.size else 0
-    if readings:  # white noise of 5 µg: 5 µg at the sampling interval
-        assert one.allan.deviation[0] == pytest.approx(5.0, rel=4 / np.sqrt(readings))
+    terms = one.allan.terms[0]
+    assert terms > 180
+    assert one.allan.tau_s[0] == pytest.approx(12.0)
+    # white noise has its own sigma at the sampling interval, here to 4 sigma of so many squares
+    assert one.allan.deviation[0] == pytest.approx(5.0, rel=4 / np.sqrt(terms))
 
 
 def test_refusals_name_what_is_wrong() -> None:
