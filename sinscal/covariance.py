@@ -42,6 +42,8 @@ class RigCovariance:
     history : ndarray, shape (t, p)
         Sigmas over time.
     prior_sigmas : ndarray, shape (p,)
+    units : dict of str to str
+        Of the sensors' unknowns by name.
     layout, steps, start, filtered
         The filter's.
     """
@@ -51,6 +53,7 @@ class RigCovariance:
     time_s: FloatArray
     history: FloatArray
     prior_sigmas: FloatArray
+    units: dict[str, str]
     layout: RigLayout
     steps: Steps
     start: State
@@ -178,6 +181,7 @@ def solve(
         time_s=INTERVAL_S * every * np.arange(1, len(filtered.sigmas) + 1),
         history=filtered.sigmas[:, order],
         prior_sigmas=start.sigmas[order],
+        units=made.rig.sensors.units,
         layout=layout,
         steps=steps,
         start=start,
