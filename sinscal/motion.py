@@ -3,8 +3,8 @@
 The axis of rotation is fixed to the earth, nearly horizontal; the SINS sits on the platform with a
 mounting error. With e the instrument axis of the cycle and α the angle,
 ``C_nb(t) = C_n0 · exp(ε(α) ×) · R(e, α(t)) · exp(δ ×)``, so that every attitude is a closed form (ε
-is the wobble of the axis); mean rates are those of the angle itself, and what the earth and the wobble add
-is integrated by Gauss's rule of three points.
+is the wobble of the axis); mean rates are those of the angle itself, and what the earth and the
+wobble add is integrated by Gauss's rule of three points.
 """
 
 from dataclasses import dataclass

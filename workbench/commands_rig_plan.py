@@ -1,16 +1,18 @@
 """`accelbench rig simulate` and `rig covariance`: a rig test before there is one."""
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import click
 import numpy as np
+from rich.console import RenderableType
 
 from errormodel.atomic import write_files
 from errormodel.errors import InputError
 from errormodel.files import read_text
-from sinscal.article import BEST, LITERAL, ArticleAnalysis
+from sinscal.article import BEST, LITERAL, ArticleAnalysis, ArticleTables
 from sinscal.covariance import RigCovariance, rig_covariance
 from sinscal.priors import PriorFile, make_prior, read_priors
 from sinscal.programme import article_programme
@@ -32,7 +34,6 @@ from workbench.rig_covariance_output import (
     article_text,
 )
 
-Mode = Literal["coarse", "precise"]
 RANDOM = "random"
 
 priors_option = click.option("--priors", type=Path, help="PRIORS.toml: what is known beforehand.")
@@ -180,34 +181,45 @@ def covariance(
     if programme is None and (groups or priors):
         raise click.UsageError("--groups and --priors need a PROGRAMME.toml")
     if report is not None:
-        if report.exists() and not report.is_dir():
-            raise click.UsageError(f"--report {report}: is a file, expected a folder")
-        if report.is_dir():
-            checked_output(report / REPORT_NAME, [], force=force)
+        _check_report(report, force=force)
     modes = ("coarse", "precise") if mode == "both" else (mode,)
-    document: dict[str, Any]
+    tables, document, text = None, dict[str, Any](programme=str(programme)), list[RenderableType]()
     if programme is None:
         analysis = ArticleAnalysis()
-        best, literal = analysis.tables(BEST), analysis.tables(LITERAL)
-        found = {m: getattr(best, m) for m in modes}
-        document = {**article_document(best, literal), **analysis_document(found)}
-        text = [*article_text(best, literal), *analysis_text(found)]
-        file, title = RigFile(**article_programme().model_dump()), "the article's programme"
+        tables = (analysis.tables(BEST), analysis.tables(LITERAL))
+        file, found = RigFile(**article_programme().model_dump()), tables[0].by_mode(modes)
+        document, text = article_document(*tables), list(article_text(*tables))
     else:
-        file, title = read_rig_file(programme), str(programme)
-        prior_file = read_priors(priors) if priors else None
+        file, prior_file = read_rig_file(programme), read_priors(priors) if priors else None
         found = {m: _analysed(file, m, groups, prior_file, programme) for m in modes}
-        document = {"programme": title, **analysis_document(found)}
-        text = list(analysis_text(found))
+    document |= analysis_document(found)
+    text += analysis_text(found)
     if report is not None:
-        from workbench.rig_covariance_report import render_covariance  # matplotlib takes its second
-
-        tables = (best, literal) if programme is None else None
-        pages = render_covariance(file, found, title=title, tables=tables)
-        write_files([(report / name, content) for name, content in pages.items()])
+        title = "the article's programme" if programme is None else programme.name
+        _write_report(file, found, title, tables, report)
         document["report"] = str(report / REPORT_NAME)
         text.append(f"report: {report / REPORT_NAME}")
     emit(document, text, as_json=as_json)
+
+
+def _check_report(folder: Path, *, force: bool) -> None:
+    if folder.exists() and not folder.is_dir():
+        raise click.UsageError(f"--report {folder}: is a file, expected a folder")
+    if folder.is_dir():
+        checked_output(folder / REPORT_NAME, [], force=force)
+
+
+def _write_report(
+    file: RigFile,
+    found: Mapping[str, RigCovariance],
+    title: str,
+    tables: tuple[ArticleTables, ArticleTables] | None,
+    folder: Path,
+) -> None:
+    from workbench.rig_covariance_report import render_covariance  # matplotlib takes its second
+
+    pages = render_covariance(file, found, title=title, tables=tables)
+    write_files([(folder / name, content) for name, content in pages.items()])
 
 
 def _analysed(

@@ -145,8 +145,7 @@ def article_text(best: ArticleTables, literal: ArticleTables) -> Iterator[Render
         for row in rows:
             made.add_row(*row)
         yield made
-    for line in assumed(best, literal):
-        yield line
+    yield from assumed(best, literal)
     yield ""
 
 
@@ -160,8 +159,8 @@ def article_rows(
         rows: list[tuple[str, ...]] = []
         for key, e in one.items():
             other = letter[key]
-            cells = (e.published, e.computed, e.ratio, other.computed, other.ratio)
-            rows.append((key, *(number(v, 3) for v in cells)))
+            computed = (number(e.published, 3), number(e.computed, 3), f"{e.ratio:.2f}")
+            rows.append((key, *computed, number(other.computed, 3), f"{other.ratio:.2f}"))
         yield title, rows
 
 
