@@ -7,6 +7,7 @@ is the wobble of the axis); mean rates are those of the angle itself, and what t
 wobble add is integrated by Gauss's rule of three points.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -218,28 +219,47 @@ def _cycle_motion(
         return zero @ turned @ mount
 
     angle, turn, _ = law.at(edges)
-    w = (np.diff(angle) / step)[:, None] * along
-    f = np.zeros((n, 3))
-    tangential = skew(along) @ np.array(faults.eccentric_m)
-    centripetal = skew(along) @ tangential
-    up = np.array([0.0, 0.0, site.gravity_m_s2])
-    for place, weight in zip(*_GAUSS, strict=True):
-        at_s = edges[:-1] + 0.5 * step * (1.0 + float(place))
-        c_bn = np.swapaxes(attitude(at_s), 1, 2)
-        share = 0.5 * float(weight)
-        w += share * (c_bn @ site.earth_rate)
-        f += share * (c_bn @ up)
-        at, speed, change = law.at(at_s)
-        if faults.wobble:
-            w += share * _wobble_rate(at, speed, axis, mount, faults)
-        f += share * (speed**2)[:, None] * centripetal
-        f += share * change[:, None] * tangential
+    added, f = _earth_and_rig(law, edges, attitude, axis, mount, site, faults)
+    w = (np.diff(angle) / step)[:, None] * along + added
     dw = (np.diff(turn) / step)[:, None] * along
     motion = Motion(time_s=edges[1:], step_s=np.full(n, step), w=w, f=f, dw=dw)
     c_nb = attitude(edges)
     return CycleMotion(
         motion=motion, c_nb=c_nb[1:], c_start=c_nb[0], angle=angle[1:], turn=turn[1:], law=law
     )
+
+
+def _earth_and_rig(
+    law: AngleLaw,
+    edges: FloatArray,
+    attitude: Callable[[FloatArray], FloatArray],
+    axis: int,
+    mount: FloatArray,
+    site: Site,
+    faults: RigFaults,
+) -> tuple[FloatArray, FloatArray]:
+    """Return the steps' mean rates of earth and wobble, and mean forces, each (n, 3)."""
+    along = skew(mount.T @ np.eye(3)[axis])
+    tangential = along @ np.array(faults.eccentric_m)
+    centripetal = along @ tangential
+    up = np.array([0.0, 0.0, site.gravity_m_s2])
+    # pieces of steps, cut where the acceleration changes: within each everything is smooth
+    inside = (law.knot_s > 0.0) & (law.knot_s < edges[-1])
+    cuts = np.unique(np.concatenate([edges, law.knot_s[inside]]))
+    length, step = np.diff(cuts), edges[1] - edges[0]
+    w, f = np.zeros((length.size, 3)), np.zeros((length.size, 3))
+    for place, weight in zip(*_GAUSS, strict=True):
+        at_s = cuts[:-1] + 0.5 * length * (1.0 + float(place))
+        c_bn = np.swapaxes(attitude(at_s), 1, 2)
+        share = (0.5 * float(weight) / step * length)[:, None]
+        at, speed, change = law.at(at_s)
+        w += share * (c_bn @ site.earth_rate)
+        if faults.wobble:
+            w += share * _wobble_rate(at, speed, axis, mount, faults)
+        f += share * (c_bn @ up)
+        f += share * ((speed**2)[:, None] * centripetal + change[:, None] * tangential)
+    first = np.searchsorted(cuts, edges[:-1])
+    return np.add.reduceat(w, first, axis=0), np.add.reduceat(f, first, axis=0)
 
 
 def _wobble(angle: FloatArray, axis: int, faults: RigFaults) -> tuple[FloatArray, FloatArray]:
