@@ -32,6 +32,11 @@ COMMANDS = {
     "compensate": ("commands_fit", "compensate", "Apply a model to recorded runs."),
     "stability": ("commands_stability", "stability", "Compare runs: does each coefficient repeat?"),
     "rig": ("commands_rig", "rig", "Plan, simulate and evaluate the rig calibration of a SINS."),
+    "discrepancy": (
+        "commands_discrepancy",
+        "discrepancy",
+        "Name the effect that a model lacks, and add it.",
+    ),
     "emulate": ("commands_store", "emulate", "Serve the instruments of a station file."),
 }
 
