@@ -17,7 +17,7 @@ from sinscal.covariance import RigCovariance, rig_covariance
 from sinscal.priors import PriorFile, make_prior, read_priors
 from sinscal.programme import article_programme
 from sinscal.recording import write_rig_run
-from sinscal.rehearsal import drawn_errors, groups_of, rehearse, sensors_with
+from sinscal.rehearsal import Rehearsal, drawn_errors, groups_of, rehearse, sensors_with
 from sinscal.rigfile import RecordingTable, RigFile, TemperatureTable, read_rig_file
 from workbench.console import emit
 from workbench.outputs import (
@@ -39,13 +39,12 @@ RANDOM = "random"
 priors_option = click.option("--priors", type=Path, help="PRIORS.toml: what is known beforehand.")
 
 
-def _groups(text: str) -> tuple[str, ...]:
-    return tuple(part.strip() for part in text.split(",") if part.strip())
+def _groups(text: str | None) -> tuple[str, ...]:
+    return tuple(part.strip() for part in (text or "").split(",") if part.strip())
 
 
 groups_option = click.option(
     "--groups",
-    default="",
     metavar="A,B",
     help="Groups of errors beside biases, scale errors and misalignments.",
 )
@@ -75,7 +74,7 @@ def simulate(
     rate_hz: float | None,
     increments: bool | None,
     self_heating: bool,
-    groups: str,
+    groups: str | None,
     priors: Path | None,
     force: bool,
     as_json: bool,
@@ -92,25 +91,15 @@ def simulate(
         checked_output(truth, [*inputs, out], force=force)
     changes = {"angle": angle, "rate_hz": rate_hz, "increments": increments}
     file = _changed(read_rig_file(programme), changes, self_heating=self_heating)
-    prior_file = read_priors(priors) if priors else None
     if given is not None:
-        values, source = _read_errors(given), str(given)
+        values = _read_errors(given)
     elif errors == RANDOM:
-        values, source = _drawn(file, groups, prior_file, seed), "--errors"
+        values = _drawn(file, groups, read_priors(priors) if priors else None, seed)
     else:
-        values, source = dict(file.errors), str(programme)
+        values = dict(file.errors)
+    source = str(given or programme)
     made = rehearse(file, values, seed=seed, source=source)
-    document: dict[str, Any] = {
-        "out": str(out),
-        "rows": len(made.run),
-        "cycles": len(made.run.cycles),
-        "duration_s": float(np.sum(made.run.step_s)),
-        "rate_hz": file.recording.rate_hz,
-        "seed": seed,
-        "parameters": {
-            name: {"value": value, "unit": made.units[name]} for name, value in values.items()
-        },
-    }
+    document = _simulated(made, file, seed, out)
     write_rig_run(made.run, out, increments=file.recording.increments)
     if truth is not None:
         content = json.dumps(document, ensure_ascii=False, indent=2, allow_nan=False) + "\n"
@@ -122,6 +111,21 @@ def simulate(
     emit(document, [text, *([f"errors: {truth}"] if truth else [])], as_json=as_json)
 
 
+def _simulated(made: Rehearsal, file: RigFile, seed: int, out: Path) -> dict[str, Any]:
+    """Return what was recorded, with the true errors."""
+    return {
+        "out": str(out),
+        "rows": len(made.run),
+        "cycles": len(made.run.cycles),
+        "duration_s": float(np.sum(made.run.step_s)),
+        "rate_hz": file.recording.rate_hz,
+        "seed": seed,
+        "parameters": {
+            name: {"value": value, "unit": made.units[name]} for name, value in made.values.items()
+        },
+    }
+
+
 def _changed(file: RigFile, changes: dict[str, Any], *, self_heating: bool) -> RigFile:
     """Return a file with what the options say instead of it."""
     told = {key: value for key, value in changes.items() if value is not None}
@@ -130,7 +134,9 @@ def _changed(file: RigFile, changes: dict[str, Any], *, self_heating: bool) -> R
     return file.model_copy(update={"recording": recording, "temperature": temperature})
 
 
-def _drawn(file: RigFile, groups: str, priors: PriorFile | None, seed: int) -> dict[str, float]:
+def _drawn(
+    file: RigFile, groups: str | None, priors: PriorFile | None, seed: int
+) -> dict[str, float]:
     sensors = sensors_with(_groups(groups), file, angle=file.recording.angle)
     return drawn_errors(sensors, np.random.default_rng([seed, 1]), priors)
 
@@ -166,7 +172,7 @@ def _read_errors(path: Path) -> dict[str, float]:
 def covariance(
     programme: Path | None,
     mode: str,
-    groups: str,
+    groups: str | None,
     priors: Path | None,
     report: Path | None,
     force: bool,
@@ -223,7 +229,7 @@ def _write_report(
 
 
 def _analysed(
-    file: RigFile, mode: str, groups: str, priors: PriorFile | None, source: Path
+    file: RigFile, mode: str, groups: str | None, priors: PriorFile | None, source: Path
 ) -> RigCovariance:
     angle = mode == "precise"
     wanted = [g for g in _groups(groups) if angle or not g.startswith("rig_")]
