@@ -11,7 +11,7 @@ SINS calibration on a rig (control and navigation laboratory, Lomonosov Moscow S
 section on the covariance analysis, tables 1 and 2.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from typing import Literal
@@ -129,6 +129,10 @@ class ArticleTables:
     reading: Reading
     coarse: RigCovariance
     precise: RigCovariance
+
+    def by_mode(self, modes: Sequence[str]) -> dict[str, RigCovariance]:
+        """Return the covariances of some modes, "coarse" and "precise"."""
+        return {m: self.precise if m == "precise" else self.coarse for m in modes}
 
     @property
     def table1(self) -> Table:

@@ -240,9 +240,7 @@ class Search:
             return ranked
         data = view.problem.residual[:, None]
         values = event_ratios(view.problem, self.laws.shapes, data)[:, 0].tolist()
-        ratios = dict(
-            zip((c.name for c in events_of(view.problem)), values, strict=True)
-        )
+        ratios = dict(zip((c.name for c in events_of(view.problem)), values, strict=True))
         made = [
             Ranked(r.found, ratios[n] - self._luck(n), self._p_value(n, ratios[n]))
             if (n := r.found.candidate.name) in ratios
