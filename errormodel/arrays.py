@@ -10,10 +10,19 @@ IntArray = NDArray[np.intp]
 
 
 def readonly(values: ArrayLike) -> FloatArray:
-    """Return a float copy of `values` that cannot be written to."""
+    """Return `values` as floats that cannot be written to: a copy, unless they are so already."""
+    if isinstance(values, np.ndarray) and values.dtype == np.float64 and _is_frozen(values):
+        return values
     array = np.array(values, dtype=float)
     array.flags.writeable = False
     return array
+
+
+def _is_frozen(array: NDArray[Any]) -> bool:
+    """Tell whether neither an array nor what it is a view of can be written to."""
+    owner = array.base
+    owned = owner is None or (isinstance(owner, np.ndarray) and not owner.flags.writeable)
+    return owned and not array.flags.writeable
 
 
 def readonly_int(values: ArrayLike) -> IntArray:

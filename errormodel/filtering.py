@@ -369,3 +369,40 @@ def covariance_share(
         np.ascontiguousarray(q),
     )
     return cov
+
+
+@numba.njit(cache=True)
+def _transition(h: FloatArray, phi: FloatArray, gains: FloatArray, across: FloatArray) -> None:
+    steps, m, n = h.shape
+    lead = phi.shape[1]
+    for k in range(steps):
+        for j in range(m):
+            seen = h[k, j] @ across
+            for a in range(n):
+                for b in range(n):
+                    across[a, b] -= gains[k, j, a] * seen[b]
+        across[:lead] = phi[k] @ across
+
+
+def start_transition(steps: Steps, gains: FloatArray) -> FloatArray:
+    """Compute how the error at a filter's start goes over into that at its end.
+
+    Parameters
+    ----------
+    steps : Steps
+    gains : ndarray, shape (K, m, n)
+        Of the filter.
+
+    Returns
+    -------
+    ndarray, shape (n, n)
+        A: a part P of the start's covariance contributes A P Aᵀ to the final one.
+    """
+    across = np.eye(steps.h.shape[2])
+    _transition(
+        np.ascontiguousarray(steps.h),
+        np.ascontiguousarray(steps.phi),
+        np.ascontiguousarray(gains),
+        across,
+    )
+    return across

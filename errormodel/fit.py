@@ -81,7 +81,7 @@ def fit(
     model: ErrorModel,
     record: Record,
     *,
-    noise: NoiseModel | None = None,
+    noise: NoiseModel | NoiseFit | None = None,
     weighting: Weighting = "equal",
     start: Mapping[str, float] | None = None,
 ) -> ModelFit:
@@ -92,8 +92,9 @@ def fit(
     model : ErrorModel
     record : Record
         With `output` of shape (n,), in the unit of the model's input.
-    noise : NoiseModel, optional
-        The noise when it is known; by default white noise and drift are estimated.
+    noise : NoiseModel or NoiseFit, optional
+        The noise when it is known, or has been estimated from more than this record; by default
+        white noise and drift are estimated.
     weighting : {"equal", "noise"}
         Every reading counts alike, or as the noise says (generalised least squares). The sigmas
         are those of the noise either way. Equal weights keep the smallest rms when the model
@@ -114,11 +115,12 @@ def fit(
     """
     output = _single_output(model, record)
     values = {**model.start_values(), **(start or {})}
-    weights = noise if noise and weighting == "noise" else NoiseModel(white=1.0)
+    known = _given(noise) if isinstance(noise, NoiseModel) else noise
+    weights = known.noise if known and weighting == "noise" else NoiseModel(white=1.0)
     values = _solve(model, record, output, weights, values, check=True)
     columns, residual = _linearised(model, record, output, values)
-    found = _given(noise) if noise else estimate_noise(record, residual, columns)
-    if noise is None and weighting == "noise":
+    found = known or estimate_noise(record, residual, columns)
+    if known is None and weighting == "noise":
         for _ in range(2):
             values = _solve(model, record, output, found.noise, values)
             columns, residual = _linearised(model, record, output, values)

@@ -7,7 +7,7 @@ filter of that process (the Cholesky factor of the covariance, in linear time), 
 observations and to every column alike.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numba
@@ -141,7 +141,9 @@ class NoiseFit:
     support: tuple[tuple[float, NoiseModel], ...]
 
 
-def estimate_noise(record: Record, residual: FloatArray, columns: FloatArray) -> NoiseFit:
+def estimate_noise(
+    record: Record, residual: FloatArray, columns: FloatArray, *, own: bool = False
+) -> NoiseFit:
     """Estimate white noise and drift by restricted maximum likelihood (REML).
 
     The likelihood is that of the error contrasts, so what the fit of `columns` absorbed of the
@@ -156,6 +158,9 @@ def estimate_noise(record: Record, residual: FloatArray, columns: FloatArray) ->
         Residual at some value of the coefficients (any: they are profiled out).
     columns : ndarray, shape (n, p)
         Derivative of the model by its unknowns.
+    own : bool
+        Whether each run has unknowns of its own; the noise is common to all runs either way. What
+        differs from run to run is then not taken for drift.
 
     Returns
     -------
@@ -170,32 +175,33 @@ def estimate_noise(record: Record, residual: FloatArray, columns: FloatArray) ->
     norms = np.linalg.norm(stacked, axis=0)
     stacked = stacked / np.where(norms > 0, norms, 1.0)
     scale = float(norms[-1])
-    dof = max(len(record) - columns.shape[1], 1)
+    blocks = record.run_slices if own else (slice(0, len(record)),)
+    dof = max(len(record) - len(blocks) * columns.shape[1], 1)
     steps = np.concatenate([np.diff(record.time_s[r]) for r in record.run_slices])
     spans = [float(np.ptp(record.time_s[r])) for r in record.run_slices]
     if scale == 0.0 or steps.size < 10:
-        return _white_only(stacked, scale, dof)
+        return _white_only(stacked, scale, dof, blocks)
 
     def evaluate(log_ratio: float, log_tau: float) -> tuple[float, float]:
         """Return the restricted log-likelihood and the white sigma that goes with it."""
         shape = NoiseModel(white=1.0, drift=np.exp(log_ratio), drift_tau_s=np.exp(log_tau))
         white, log_det = shape.whitened_shape(record, stacked)
-        return _restricted(white, log_det, dof)
+        return _restricted(white, log_det, dof, blocks)
 
     bounds = (
         (np.log(0.02), np.log(50.0)),
         (np.log(3.0 * float(np.median(steps))), np.log(3.0 * max(max(spans), 30.0))),
     )
-    none, _ = _restricted(stacked, 0.0, dof)
+    none, _ = _restricted(stacked, 0.0, dof, blocks)
     best = _maximise(evaluate, bounds)
     if best[0] <= none + 1e-3:
-        return _white_only(stacked, scale, dof)
+        return _white_only(stacked, scale, dof, blocks)
     drifting, evidence = _support(evaluate, best[1], bounds)
     # Drift or none: equal odds beforehand, moved by how much better drift of any size and
     # correlation time within the bounds explains the data on average.
     odds = float(np.exp(min(evidence - none, 50.0)))
     share = odds / (1.0 + odds)
-    white_alone = _white_only(stacked, scale, dof).noise
+    white_alone = _white_only(stacked, scale, dof, blocks).noise
     support = [(share * w, _model(at, s * scale)) for w, at, s in drifting]
     if share < 0.99:
         support.append((1.0 - share, white_alone))
@@ -210,24 +216,38 @@ def _model(at: tuple[float, float], white: float) -> NoiseModel:
     )
 
 
-def _white_only(stacked: FloatArray, scale: float, dof: int) -> NoiseFit:
-    _, sigma = _restricted(stacked, 0.0, dof)
+Blocks = Sequence[slice]
+
+
+def _white_only(stacked: FloatArray, scale: float, dof: int, blocks: Blocks) -> NoiseFit:
+    _, sigma = _restricted(stacked, 0.0, dof, blocks)
     noise = NoiseModel(white=max(sigma * scale, np.finfo(float).tiny))
     return NoiseFit(noise=noise, support=((1.0, noise),))
 
 
-def _restricted(white: FloatArray, log_det: float, dof: int) -> tuple[float, float]:
-    """Return the restricted log-likelihood, profiled over the white sigma, and that sigma."""
+def _restricted(white: FloatArray, log_det: float, dof: int, blocks: Blocks) -> tuple[float, float]:
+    """Return the restricted log-likelihood, profiled over the white sigma, and that sigma.
+
+    `blocks` are the readings that share unknowns.
+    """
+    rest2, log_seen = 0.0, 0.0
+    for rows in blocks:
+        diagonal = _triangle_diagonal(white[rows])
+        rest, inner = diagonal[-1], diagonal[:-1]
+        seen = inner[inner > 1e-9 * inner.max(initial=0.0)]
+        rest2 += float(rest) ** 2
+        log_seen += float(np.sum(np.log(seen)))
+    sigma2 = max(rest2 / dof, np.finfo(float).tiny)
+    return -0.5 * (log_det + dof * np.log(sigma2)) - log_seen, float(np.sqrt(sigma2))
+
+
+def _triangle_diagonal(white: FloatArray) -> FloatArray:
+    """Return the diagonal of R of the QR factorisation, without signs."""
     try:  # the columns are of unit length and few: their Gram matrix keeps enough digits
-        diagonal = np.diag(linalg.cholesky(white.T @ white, check_finite=False))
+        return np.diag(linalg.cholesky(white.T @ white, check_finite=False))
     except linalg.LinAlgError:
         triangle = linalg.qr(white, mode="r", check_finite=False)[0][: white.shape[1]]
-        diagonal = np.abs(np.diag(triangle))
-    rest, inner = diagonal[-1], diagonal[:-1]
-    seen = inner[inner > 1e-9 * inner.max(initial=0.0)]
-    sigma2 = max(float(rest) ** 2 / dof, np.finfo(float).tiny)
-    log_like = -0.5 * (log_det + dof * np.log(sigma2)) - float(np.sum(np.log(seen)))
-    return log_like, float(np.sqrt(sigma2))
+        return np.abs(np.diag(triangle))
 
 
 Evaluate = Callable[[float, float], tuple[float, float]]

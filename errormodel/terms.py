@@ -9,7 +9,7 @@ accelerometer reading by reading.
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -128,3 +128,46 @@ def by_run(
         return (np.concatenate(pieces) if pieces else np.zeros((0, 1))), after
 
     return with_memory
+
+
+def renamed(effect: Effect, suffix: str) -> Effect:
+    """Return an effect whose name and whose unknowns' names end in `suffix`.
+
+    So that several channels with the same terms stand in one filter.
+    """
+    plain = [p.name for p in effect.parameters]
+    parameters = tuple(replace(p, name=p.name + suffix) for p in effect.parameters)
+
+    def own(values: Values) -> Values:
+        return {name: values[name + suffix] for name in plain}
+
+    if isinstance(effect, InputChange):
+        change = effect.change
+
+        def changed(record: Record, values: Values, memory: Memory) -> tuple[Record, Memory]:
+            return change(record, own(values), memory)
+
+        return replace(effect, name=effect.name + suffix, parameters=parameters, change=changed)
+    columns = effect.columns
+
+    def block(record: Record, values: Values, memory: Memory) -> tuple[FloatArray, Memory]:
+        return columns(record, own(values), memory)
+
+    return replace(
+        effect,
+        name=effect.name + suffix,
+        coefficients=tuple(replace(c, name=c.name + suffix) for c in effect.coefficients),
+        parameters=parameters,
+        columns=block,
+    )
+
+
+def in_unit(term: Term, unit: float) -> Term:
+    """Return a term for a model that counts in `unit` of this term's own: its unknowns stay."""
+    columns = term.columns
+
+    def smaller(record: Record, values: Values, memory: Memory) -> tuple[FloatArray, Memory]:
+        block, after = columns(record, values, memory)
+        return block / unit, after
+
+    return replace(term, columns=smaller)

@@ -57,8 +57,16 @@ def c_nb_from_angles(roll: FloatArray, pitch: FloatArray, heading: FloatArray) -
 
 
 def angles_from_c_nb(c_nb: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return roll, pitch and heading of C_nb, rad; heading from 0 to 2π."""
-    pitch = np.arcsin(np.clip(c_nb[..., 2, 1], -1.0, 1.0))
-    roll = np.arctan2(-c_nb[..., 2, 0], c_nb[..., 2, 2])
-    heading = np.mod(np.arctan2(c_nb[..., 0, 1], c_nb[..., 1, 1]), 2.0 * np.pi)
+    """Return roll, pitch and heading of C_nb, rad; heading from 0 to 2π.
+
+    Where the nose points straight up or down only roll and heading together are determined: roll
+    is zero then.
+    """
+    level = np.hypot(c_nb[..., 2, 0], c_nb[..., 2, 2])
+    pitch = np.arctan2(c_nb[..., 2, 1], level)
+    upright = level < 1e-9  # rounding alone turns roll there
+    roll = np.where(upright, 0.0, np.arctan2(-c_nb[..., 2, 0], c_nb[..., 2, 2]))
+    east = np.where(upright, -c_nb[..., 1, 0], c_nb[..., 0, 1])
+    north = np.where(upright, c_nb[..., 0, 0], c_nb[..., 1, 1])
+    heading = np.mod(np.arctan2(east, north), 2.0 * np.pi)
     return roll, pitch, heading

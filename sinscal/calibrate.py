@@ -1,6 +1,6 @@
 """Calibration of a SINS from its raw sensors on a rig, without and with the rig's angle."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -10,6 +10,7 @@ from errormodel.errors import InputError
 from errormodel.filtering import Filtered, Steps
 from errormodel.kalman import State
 from sinscal.layout import RigLayout
+from sinscal.north import KnownNorth, judge_north
 from sinscal.priors import RigPrior, make_prior
 from sinscal.rigfilter import Nominal, RigNoise, cycle_data
 from sinscal.rigpass import Pass, RigFilter
@@ -22,8 +23,6 @@ INTERVAL_S = 1.0
 STEP_SIGMAS = 0.02
 # Refused beyond so many sigmas: of 10⁴ good scalar innovations one in 10⁵ runs loses one.
 GATE_SIGMAS = 7.0
-# North that is found no better than this is no north: the gyros do not feel the earth.
-NORTH_SIGMA_RAD = 0.3
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -55,6 +54,8 @@ class RigCalibration:
     converged : bool
     north_sigma_rad : ndarray, shape (cycles,)
         How well gyrocompassing alone found north.
+    north_azimuth_rad : ndarray, shape (cycles,)
+        Azimuth of the rotation axis by gyrocompassing alone.
     warnings : tuple of str
     """
 
@@ -75,6 +76,7 @@ class RigCalibration:
     iterations: int
     converged: bool
     north_sigma_rad: FloatArray
+    north_azimuth_rad: FloatArray
     warnings: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -139,7 +141,9 @@ def calibrate(
     noise = noise or noise_of(run.facts, mode)
     cycles = cycle_data(run, interval_s)
     rig = RigFilter(facts=run.facts, cycles=cycles, sensors=sensors, prior=prior, noise=noise)
-    nominal, north = rig.find_north()
+    nominal, sigma = rig.find_north(interval_s)
+    north = judge_north(run.facts, cycles, nominal, sigma, run.source)
+    rig, nominal = replace(rig, facts=north.facts), north.nominal
     if mode == "precise":
         nominal = rig.with_platform(nominal)
     layout = rig.layout(angle=mode == "precise")
@@ -178,7 +182,7 @@ def noise_of(facts: RigFacts, mode: Mode) -> RigNoise:
 
 
 def _result(
-    rig: RigFilter, mode: str, ended: Pass, layout: RigLayout, north: FloatArray, run: RigRun
+    rig: RigFilter, mode: str, ended: Pass, layout: RigLayout, north: KnownNorth, run: RigRun
 ) -> RigCalibration:
     x, cov = ended.filtered.state.x, ended.filtered.state.cov
     last = ended.nominal.improved(x, layout)
@@ -204,6 +208,7 @@ def _result(
         noise=rig.noise,
         iterations=ended.iterations,
         converged=ended.converged,
-        north_sigma_rad=north,
-        warnings=run.warnings,
+        north_sigma_rad=north.sigma_rad,
+        north_azimuth_rad=north.azimuth_rad,
+        warnings=(*run.warnings, *north.warnings),
     )

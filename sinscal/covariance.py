@@ -4,14 +4,13 @@ The same filter runs on the programme's true motion. Its covariance does not dep
 measured, so that no noise need be drawn.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from errormodel.arrays import FloatArray, freeze, readonly
-from errormodel.filtering import Filtered, Steps, covariance_share, run_filter
-from errormodel.kalman import State
+from errormodel.filtering import Filtered, Steps, run_filter
+from errormodel.kalman import State, initial_state
 from sinscal.attitude import rotation
 from sinscal.integrate import interval_rows
 from sinscal.layout import RigLayout
@@ -22,8 +21,10 @@ from sinscal.rigfilter import CycleData, Nominal, RigNoise, make_steps
 from sinscal.rigpass import RigFilter
 from sinscal.run import AXES, RigFacts
 from sinscal.sensors import SensorModel
+from sinscal.simulate import Warming
 
-RATE_HZ = 20.0  # a step turns by half a degree at 10 °/s: the columns' sums are good to 1e-5
+STEP_DEG = 0.5  # what a step turns by at most: sigmas are good to 3e-4
+MIN_RATE_HZ, MAX_RATE_HZ = 20.0, 1000.0
 INTERVAL_S = 1.0
 HISTORY_S = 10.0
 
@@ -68,6 +69,25 @@ class RigCovariance:
         return float(self.sigmas[self.names.index(name)])
 
 
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Linearised:
+    """The filter of a programme, ready to run.
+
+    Attributes
+    ----------
+    rig : RigFilter
+    layout : RigLayout
+    nominal : Nominal
+        The truth.
+    steps : Steps
+    """
+
+    rig: RigFilter
+    layout: RigLayout
+    nominal: Nominal
+    steps: Steps
+
+
 def rig_covariance(
     programme: Programme,
     sensors: SensorModel,
@@ -77,6 +97,7 @@ def rig_covariance(
     angle: bool,
     azimuth_sigma_rad: float | None = None,
     carry: bool = False,
+    warming: Warming | None = None,
 ) -> RigCovariance:
     """Compute the covariance that a calibration by a programme will have.
 
@@ -93,21 +114,61 @@ def rig_covariance(
         How well the azimuth of the rotation axis is known, one error for all cycles.
     carry : bool
         Whether the gyros carry the attitude from one cycle to the next; else it starts anew.
+    warming : callable, optional
+        Temperatures (n, 3) over time, °C; sensors with terms of temperature need them.
     """
-    true = rig_motion(programme, RATE_HZ)
-    cycles = tuple(_cycle(true, k) for k in range(len(true.cycles)))
-    facts = RigFacts(
-        site=true.site,
-        azimuth_rad=None if azimuth_sigma_rad is None else true.azimuth_rad,
-        azimuth_sigma_rad=azimuth_sigma_rad or 0.0,
-    )
+    made = linearise(programme, sensors, prior, noise, angle=angle, warming=warming)
+    return solve(made, azimuth_sigma_rad=azimuth_sigma_rad, carry=carry)
+
+
+def linearise(
+    programme: Programme,
+    sensors: SensorModel,
+    prior: RigPrior,
+    noise: RigNoise,
+    *,
+    angle: bool,
+    warming: Warming | None = None,
+) -> Linearised:
+    """Linearise a programme's calibration about its truth; parameters as of `rig_covariance`."""
+    true = rig_motion(programme, _rate_hz(programme))
+    cycles = tuple(_cycle(true, k, warming) for k in range(len(true.cycles)))
+    facts = RigFacts(site=true.site, azimuth_rad=true.azimuth_rad)
     rig = RigFilter(facts=facts, cycles=cycles, sensors=sensors, prior=prior, noise=noise)
     layout = rig.layout(angle=angle)
     nominal = _true_nominal(true, sensors)
     steps = make_steps(cycles, sensors, nominal, layout, noise, true.site.gravity_m_s2)
-    if carry:
-        steps = _carried(steps, layout, [c.first.size - 1 for c in cycles])
-    start = rig.start(nominal, nominal, layout)
+    return Linearised(rig=rig, layout=layout, nominal=nominal, steps=steps)
+
+
+def solve(
+    made: Linearised,
+    *,
+    azimuth_sigma_rad: float | None = None,
+    carry: bool = False,
+    one_base: bool = False,
+) -> RigCovariance:
+    """Run the filter of a programme.
+
+    Parameters
+    ----------
+    made : Linearised
+    azimuth_sigma_rad, carry
+        As of `rig_covariance`.
+    one_base : bool
+        Whether the error of the platform's attitude at angle zero is the same in all cycles.
+    """
+    layout, facts = made.layout, made.rig.facts
+    facts = replace(
+        facts,
+        azimuth_rad=None if azimuth_sigma_rad is None else facts.azimuth_rad,
+        azimuth_sigma_rad=azimuth_sigma_rad or 0.0,
+    )
+    start = replace(made.rig, facts=facts).start(made.nominal, made.nominal, layout)
+    if layout.angle and one_base:
+        start = _one_base(start, layout)
+    lengths = [c.first.size - 1 for c in made.rig.cycles]
+    steps = _carried(made.steps, layout, lengths) if carry else made.steps
     every = max(1, round(HISTORY_S / INTERVAL_S))
     filtered = run_filter(start, steps, every=every, with_gains=True)
     order = layout.reported
@@ -124,9 +185,25 @@ def rig_covariance(
     )
 
 
-def _cycle(true: RigMotion, k: int) -> CycleData:
+def _one_base(start: State, layout: RigLayout) -> State:
+    cov, own = start.cov, layout.base(0)
+    for i in range(layout.cycles):
+        for j in range(layout.cycles):
+            cov[layout.base(i), layout.base(j)] = start.cov[own, own]
+    return initial_state(start.x, cov)
+
+
+def _rate_hz(programme: Programme) -> float:
+    """Return how many steps a second keep a step's turn below `STEP_DEG`."""
+    fastest = max(abs(s.rate_deg_s) for c in programme.cycles for s in c.segments)
+    return float(np.clip(np.ceil(fastest / STEP_DEG), MIN_RATE_HZ, MAX_RATE_HZ))
+
+
+def _cycle(true: RigMotion, k: int, warming: Warming | None) -> CycleData:
     cycle = true.cycles[k]
     motion = cycle.motion
+    if warming is not None:
+        motion = replace(motion, temp_c=warming(motion.time_s + true.start_s[k]))
     return CycleData(
         measured=motion,
         good=np.ones(len(motion), dtype=np.bool_),
@@ -161,40 +238,3 @@ def _carried(steps: Steps, layout: RigLayout, lengths: list[int]) -> Steps:
             phi[at, :3, :3] = np.eye(3)
         at += length + 1
     return replace(steps, phi=phi)
-
-
-def error_budget(found: RigCovariance) -> Mapping[str, FloatArray]:
-    """Split the final variances among the sources: each noise, each group of priors.
-
-    Returns
-    -------
-    mapping of str to ndarray, shape (p,)
-        Variances in the order of `names`; they add up to the whole.
-    """
-    layout, steps, start = found.layout, found.steps, found.start
-    order = [layout.names.index(n) for n in found.names]
-    zero_r, zero_q = np.zeros_like(steps.r), np.zeros_like(steps.q)
-    nothing = np.zeros((layout.size, layout.size))
-    gains = found.filtered.gains
-    out: dict[str, FloatArray] = {}
-
-    def put(name: str, cov: FloatArray, r: FloatArray, q: FloatArray) -> None:
-        share = covariance_share(steps, gains, cov, r, q)
-        out[name] = np.diag(share)[order]
-
-    r = zero_r.copy()
-    r[:, :3] = steps.r[:, :3]
-    put("accelerometer noise", nothing, r, zero_q)
-    if layout.angle:
-        r = zero_r.copy()
-        r[:, 3:] = steps.r[:, 3:]
-        put("rig angle noise", nothing, r, zero_q)
-    q = zero_q.copy()
-    q[:, :3] = steps.q[:, :3]
-    put("gyro noise", nothing, zero_r, q)
-    if layout.drift:
-        q = zero_q.copy()
-        q[:, 3:] = steps.q[:, 3:]
-        put("slow drift", nothing, zero_r, q)
-    put("what was known beforehand", start.cov, zero_r, zero_q)
-    return out

@@ -11,7 +11,9 @@ those of the same parameters and correlated with them:
     φ_E = −δf_N/g,   φ_N = δf_E/g,   φ_U = φ_N·tan(lat) − δω_E/(Ω·cos(lat)).
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numba
 import numpy as np
@@ -30,6 +32,7 @@ from sinscal.residual_errors import Calibration, at_rest, error_columns
 from sinscal.sensors import Motion
 from sinscal.trajectory import Flight, FlightPlan, fly
 
+ErrorColumns = Callable[[Motion], FloatArray]
 STEP_S = 1.0  # of the Runge-Kutta integration: the snake's periods are of minutes
 NOISE = "sensor noise"
 
@@ -123,6 +126,7 @@ def flight_sensitivity(
     plan: FlightPlan,
     names: tuple[str, ...],
     *,
+    columns: ErrorColumns | None = None,
     noise: SensorNoise | None = None,
     every_s: float = 10.0,
 ) -> Sensitivity:
@@ -133,6 +137,9 @@ def flight_sensitivity(
     plan : FlightPlan
     names : tuple of str
         Parameters, see `sinscal.residual_errors`.
+    columns : callable, optional
+        From a motion to ∂(δω, δf)/∂(parameters), (n, 6, m), for parameters of other sensors than
+        those.
     noise : SensorNoise, optional
         None when not given.
     every_s : float
@@ -149,14 +156,15 @@ def flight_sensitivity(
     if every < 1 or steps < every:
         raise ValueError(f"an output every {every_s:g} s does not fit into {plan.duration_s:g} s")
     flight = fly(plan, STEP_S / 2.0)
-    columns = _columns(flight, names)
+    source = columns or partial(error_columns, names)
+    block = source(_motion(flight))
     psi, noise_cov = _propagate(
         flight.lat_rad,
         flight.velocity,
         np.einsum("kij,kj->ki", flight.c_nb, flight.accel),
         plan.height_m,
-        np.concatenate([-flight.c_nb @ columns[:, :3], flight.c_nb @ columns[:, 3:]], axis=1),
-        alignment_map(plan, names),
+        np.concatenate([-flight.c_nb @ block[:, :3], flight.c_nb @ block[:, 3:]], axis=1),
+        alignment_map(plan, source),
         alignment_noise_cov(plan, noise),
         np.array([noise.gyro**2] * 3 + [noise.accel**2] * 2 + [0.0] * 4),
         STEP_S,
@@ -207,7 +215,7 @@ def assess(sensitivity: Sensitivity, calibration: Calibration) -> FlightCovarian
     )
 
 
-def alignment_map(plan: FlightPlan, names: tuple[str, ...]) -> FloatArray:
+def alignment_map(plan: FlightPlan, columns: ErrorColumns) -> FloatArray:
     """Return the start's errors for each parameter, shape (9, m): those of the alignment at rest.
 
     Position and velocity are known at the start.
@@ -215,9 +223,9 @@ def alignment_map(plan: FlightPlan, names: tuple[str, ...]) -> FloatArray:
     c_nb = plan.start_attitude
     rate = c_nb.T @ earth_rate_enu(plan.latitude_rad)
     force = c_nb.T @ np.array([0.0, 0.0, plan.gravity_m_s2])
-    columns = error_columns(names, at_rest(rate, force))[0]
-    out = np.zeros((N_STATES, len(names)))
-    out[PHI] = _align_jacobian(plan) @ np.concatenate([c_nb @ columns[:3], c_nb @ columns[3:]])
+    block = columns(at_rest(rate, force))[0]
+    out = np.zeros((N_STATES, block.shape[1]))
+    out[PHI] = _align_jacobian(plan) @ np.concatenate([c_nb @ block[:3], c_nb @ block[3:]])
     return out
 
 
@@ -241,16 +249,14 @@ def _align_jacobian(plan: FlightPlan) -> FloatArray:
     return out
 
 
-def _columns(flight: Flight, names: tuple[str, ...]) -> FloatArray:
-    """Return ∂(δω, δf)/∂p in body axes at the flight's times, shape (n, 6, m)."""
-    motion = Motion(
+def _motion(flight: Flight) -> Motion:
+    return Motion(
         time_s=flight.time_s,
         step_s=np.full(flight.time_s.size, flight.step_s),
         w=flight.gyro,
         f=flight.accel,
         dw=np.gradient(flight.gyro, flight.step_s, axis=0),
     )
-    return error_columns(names, motion)
 
 
 @numba.njit(cache=True)

@@ -195,7 +195,9 @@ def interval_rows(time_s: FloatArray, step_s: FloatArray, interval_s: float) -> 
     return np.unique(np.concatenate([[0], ends, [time_s.size]])).astype(np.intp)
 
 
-def integrate(
+def sum_intervals(
+    middle: FloatArray,
+    end: FloatArray,
     w: FloatArray,
     f: FloatArray,
     step_s: FloatArray,
@@ -204,14 +206,14 @@ def integrate(
     axis: IntArray,
     n_gyro: int,
     first: IntArray,
-    c_start: FloatArray,
-    earth: FloatArray,
     gravity_m_s2: float,
 ) -> Intervals:
-    """Integrate one cycle.
+    """Sum one cycle into intervals, its attitude given.
 
     Parameters
     ----------
+    middle, end : ndarray, shape (n, 3, 3)
+        C_nb at the middles and the ends of the steps.
     w, f : ndarray, shape (n, 3)
         Corrected rates and forces, means over the steps.
     step_s : ndarray, shape (n,)
@@ -225,8 +227,6 @@ def integrate(
         How many are the gyros'.
     first : ndarray of int, shape (K + 1,)
         From `interval_rows`.
-    c_start : ndarray, shape (3, 3)
-    earth : ndarray, shape (3,)
     gravity_m_s2 : float
 
     Returns
@@ -234,8 +234,9 @@ def integrate(
     Intervals
     """
     # copies: a compiled function is compiled anew for arrays that are read-only
-    w, f, step_s, columns = (np.array(a, dtype=float) for a in (w, f, step_s, columns))
-    middle, end = attitudes(w, step_s, np.array(c_start, dtype=float), np.array(earth, dtype=float))
+    middle, w, f, step_s, columns = (
+        np.array(a, dtype=float) for a in (middle, w, f, step_s, columns)
+    )
     turned, turned_mean, forced, force, weight = _sum(
         middle, step_s, np.array(good, dtype=float), w, f, columns, np.array(axis), n_gyro,
         np.array(first),

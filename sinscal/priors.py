@@ -96,6 +96,17 @@ def group_of(name: str) -> str:
     return max(found, key=len)
 
 
+def _sigma_of(name: str, given: Mapping[str, float]) -> float:
+    """Return an unknown's sigma: its own, its group's, or 0 for what is no group's."""
+    sigmas = {**GROUP_SIGMAS, **given}
+    if name in sigmas:
+        return sigmas[name]
+    try:
+        return sigmas.get(group_of(name), 0.0)
+    except KeyError:  # a chamber's coefficient: its prior is the chamber's
+        return 0.0
+
+
 def make_prior(sensors: SensorModel, file: PriorFile | None = None) -> RigPrior:
     """Return the prior of a sensor model: the groups' sigmas, and what a file says instead.
 
@@ -111,8 +122,7 @@ def make_prior(sensors: SensorModel, file: PriorFile | None = None) -> RigPrior:
         for name in getattr(given, part):
             if name not in known or (part == "mean" and name not in names):
                 raise InputError("the priors", f"{part}.{name}", "not an unknown of this model")
-    sigma = {**GROUP_SIGMAS, **given.sigma}
-    sigmas = np.array([sigma.get(name, sigma.get(group_of(name), 0.0)) for name in names])
+    sigmas = np.array([_sigma_of(name, given.sigma) for name in names])
     values = sensors.start_values()
     for name, value in given.mean.items():
         values[names.index(name)] = value

@@ -14,12 +14,14 @@ import numpy as np
 from errormodel.arrays import FloatArray, IntArray
 from errormodel.filtering import Steps
 from sinscal.attitude import rotation, skew
-from sinscal.integrate import Intervals, integrate, interval_rows
+from sinscal.integrate import Intervals, attitudes, interval_rows, sum_intervals
 from sinscal.layout import RigLayout
 from sinscal.run import AXES, BoolArray, RigRun
 from sinscal.sensors import Motion, SensorModel, rate_derivative
 
-ANGLE_COLUMNS = 3
+# Where north is only sought, steps are put together up to so long and so much of a turn.
+THIN_STEP_S = 0.1
+THIN_TURN_RAD = 0.02
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -59,6 +61,34 @@ class CycleData:
     first: IntArray
     axis: int | None
     angle: FloatArray | None
+
+    def thinned(self, interval_s: float) -> "CycleData":
+        """Return the cycle with steps put together as far as little turns within one."""
+        m = self.measured
+        fastest = float(np.max(np.linalg.norm(m.w, axis=1), initial=1e-9))
+        wanted_s = min(THIN_STEP_S, THIN_TURN_RAD / fastest)
+        every = int(wanted_s / float(np.median(m.step_s)) + 1e-6)
+        if every < 2:
+            return self
+        edges = np.arange(0, len(m), every)
+        last = np.append(edges[1:], len(m)) - 1
+        step_s = np.add.reduceat(m.step_s, edges)
+
+        def mean(values: FloatArray) -> FloatArray:
+            return np.add.reduceat(values * m.step_s[:, None], edges) / step_s[:, None]
+
+        w = mean(m.w)
+        motion = Motion(
+            time_s=m.time_s[last], step_s=step_s, w=w, f=mean(m.f), dw=rate_derivative(w, step_s),
+            temp_c=None if m.temp_c is None else mean(m.temp_c),
+        )  # fmt: skip
+        return replace(
+            self,
+            measured=motion,
+            good=np.logical_and.reduceat(self.good, edges),
+            first=interval_rows(motion.time_s, motion.step_s, interval_s),
+            angle=None if self.angle is None else self.angle[last],
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -190,22 +220,35 @@ def _cycle_steps(
     k: int,
 ) -> Steps:
     true = sensors.corrected(cycle.measured, nominal.values)
-    owner = np.array([i for i in sensors.owner if i < 6], dtype=np.intp)
-    n_gyro = int(np.sum(owner < 3))
-    n = len(true)
-    # three columns of ones for the gyros and three for the accelerometers: their slow drifts
-    columns = sensors.columns(true, nominal.values)
-    ones = np.ones((n, 3))
-    joint = np.hstack([columns[:, :n_gyro], ones, columns[:, n_gyro:], ones])
-    axis = np.concatenate([owner[:n_gyro], np.arange(3), owner[n_gyro:] - 3, np.arange(3)])
-    found = integrate(
-        true.w, true.f, true.step_s, cycle.good, joint, axis, n_gyro + 3, cycle.first,
-        nominal.c_start[k], nominal.earth[k], gravity_m_s2,
+    columns, axis, n_gyro = joint_columns(sensors, true, nominal.values)
+    middle, end = attitudes(
+        np.array(true.w), np.array(true.step_s), np.array(nominal.c_start[k]),
+        np.array(nominal.earth[k]),
+    )  # fmt: skip
+    found = sum_intervals(
+        middle, end, true.w, true.f, true.step_s, cycle.good, columns, axis, n_gyro + 3,
+        cycle.first, gravity_m_s2,
     )  # fmt: skip
     steps = _force_steps(found, layout, noise, nominal.earth[k], gravity_m_s2, n_gyro, k)
     if layout.angle:
         steps = _with_angle(steps, cycle, true, found, sensors, nominal, layout, noise, n_gyro, k)
     return steps
+
+
+def joint_columns(
+    sensors: SensorModel, true: Motion, values: FloatArray
+) -> tuple[FloatArray, IntArray, int]:
+    """Return what `sum_intervals` sums, the axes it acts along, and the gyros' unknowns' number.
+
+    After the gyros' unknowns stand three columns of ones, their slow drifts, and three more after
+    the accelerometers'.
+    """
+    owner = np.array([i for i in sensors.owner if i < 6], dtype=np.intp)
+    n_gyro = int(np.sum(owner < 3))
+    columns, ones = sensors.columns(true, values), np.ones((len(true), 3))
+    joint = np.hstack([columns[:, :n_gyro], ones, columns[:, n_gyro:], ones])
+    axis = np.concatenate([owner[:n_gyro], np.arange(3), owner[n_gyro:] - 3, np.arange(3)])
+    return joint, axis, n_gyro
 
 
 def _force_steps(

@@ -68,12 +68,16 @@ class RigFilter:
             remount=angle and self.prior.remount_sigma_rad > 0.0,
         )
 
-    def find_north(self) -> tuple[Nominal, FloatArray]:
-        """Level, then gyrocompass: iterate in axes of any azimuth, and turn them to north."""
+    def find_north(self, interval_s: float) -> tuple[Nominal, FloatArray]:
+        """Level, then gyrocompass: iterate in axes of any azimuth, and turn them to north.
+
+        The data are taken at a lower rate: the filter that follows takes them at their own.
+        """
         site = self.facts.site
         layout = self.layout(wander=True)
-        nominal = level_nominal(self.cycles, self.sensors, self.prior.values, site)
-        ended = self.iterate(nominal, layout, np.inf, ROUGHLY_SIGMAS)
+        rough = replace(self, cycles=[c.thinned(interval_s) for c in self.cycles])
+        nominal = level_nominal(rough.cycles, self.sensors, self.prior.values, site)
+        ended = rough.iterate(nominal, layout, np.inf, ROUGHLY_SIGMAS)
         north = find_north(ended.nominal, ended.filtered.state.cov, layout, site)
         return north.nominal, north.sigma_rad
 

@@ -182,3 +182,23 @@ class NavRun:
     def cycles(self) -> tuple[slice, ...]:
         """The rows of each cycle."""
         return _slices(self.cycle)
+
+    def take_cycles(self, wanted: Sequence[int]) -> "NavRun":
+        """Return some of the cycles as a run of their own, numbered anew."""
+        slices = self.cycles
+        rows = np.concatenate([np.arange(len(self))[slices[k]] for k in wanted])
+        number = {old: new for new, old in enumerate(wanted)}
+        axes = self.facts.axis_of_cycle
+        kept = None if axes is None else tuple(axes[k] for k in wanted)
+        return replace(
+            self,
+            time_s=self.time_s[rows],
+            cycle=np.array([number[int(c)] for c in self.cycle[rows]]),
+            lat_rad=self.lat_rad[rows],
+            lon_rad=self.lon_rad[rows],
+            height_m=self.height_m[rows],
+            velocity=self.velocity[rows],
+            c_nb=self.c_nb[rows],
+            temp_c=None if self.temp_c is None else self.temp_c[rows],
+            facts=replace(self.facts, axis_of_cycle=kept),
+        )

@@ -5,7 +5,7 @@ its columns (`columns`). A channel's model may count in another unit than SI: a 
 an accelerometer counts in g and stands here unchanged, as terms of that channel.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -26,6 +26,8 @@ T_REF_C = 25.0
 RATE_WINDOW_S = 120.0
 # The inverse is a contraction by the size of the errors, some 1e-3: five steps leave 1e-15.
 INVERSE_STEPS = 5
+# Slow enough that what goes with the square of the rate is nothing beside what goes with the rate.
+TRIAL_RATE_RAD_S = 1e-3
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -135,8 +137,7 @@ class SensorModel:
     def errors(self, motion: Motion, values: FloatArray) -> FloatArray:
         """Compute measured minus true of the six sensors, SI, shape (n, 6)."""
         out = np.zeros((len(motion), 6))
-        for k, c in enumerate(self.channels[:6]):
-            record = self._record(motion, c.id)
+        for k, (c, record) in enumerate(self._records(motion)):
             mine = dict(zip(c.model.names, values[self.places[k]].tolist(), strict=True))
             out[:, k] = c.unit * (c.model.simulate(record, mine) - record[c.model.base])
         return out
@@ -148,7 +149,7 @@ class SensorModel:
 
     def corrected(self, motion: Motion, values: FloatArray) -> Motion:
         """Return the true motion behind measured rates and forces: the inverse of `measured`."""
-        true = motion
+        true = self._linear_inverse(motion, values)
         for _ in range(INVERSE_STEPS):
             errors = self.errors(true, values)
             w, f = motion.w - errors[:, :3], motion.f - errors[:, 3:]
@@ -163,9 +164,8 @@ class SensorModel:
     def columns(self, motion: Motion, values: FloatArray) -> FloatArray:
         """Return the derivative of each unknown's own channel by it, SI, shape (n, p of six)."""
         blocks: list[FloatArray] = []
-        for k, c in enumerate(self.channels[:6]):
+        for k, (c, record) in enumerate(self._records(motion)):
             mine = dict(zip(c.model.names, values[self.places[k]].tolist(), strict=True))
-            record = self._record(motion, c.id)
             blocks.append(c.unit * derivative(c.model, record, mine))
         return np.hstack([np.zeros((len(motion), 0)), *blocks])
 
@@ -199,18 +199,50 @@ class SensorModel:
         mine = dict(zip(model.names, values[self.places[6]].tolist(), strict=True))
         return model.simulate(_angle_record(angle, turn), mine) - angle
 
-    def _record(self, motion: Motion, channel: ChannelId) -> Record:
+    def _linear_inverse(self, motion: Motion, values: FloatArray) -> Motion:
+        """Return the true motion as far as the errors are linear in it, by seven trial motions.
+
+        What is linear (most of all errors) needs no further step of the inverse.
+        """
+        trial_w, trial_f = np.zeros((7, 3)), np.zeros((7, 3))
+        trial_w[1:4] = TRIAL_RATE_RAD_S * np.eye(3)
+        trial_f[4:] = np.eye(3)
+        temp_c = None if motion.temp_c is None else np.tile(motion.temp_c[:1], (7, 1))
+        time_s = np.arange(1.0, 8.0)
+        trial = Motion(
+            time_s=time_s, step_s=np.ones(7), w=trial_w, f=trial_f, dw=np.zeros((7, 3)),
+            temp_c=temp_c,
+        )  # fmt: skip
+        errors = self.errors(trial, values)
+        slope = (errors[1:] - errors[0]).T
+        slope[:, :3] /= TRIAL_RATE_RAD_S
+        measured = np.hstack([motion.w, motion.f]) - errors[0]
+        true = np.linalg.solve(np.eye(6) + slope, measured.T).T
+        w, f = true[:, :3], true[:, 3:]
+        return replace(motion, w=w, f=f, dw=rate_derivative(w, motion.step_s))
+
+    def _records(self, motion: Motion) -> Iterator[tuple[Channel, Record]]:
+        """Yield the six sensors' channels, each with what acts on it."""
         signals = {f"w_{a}": motion.w[:, j] for j, a in enumerate(AXES)}
         signals |= {f"f_{a}": motion.f[:, j] for j, a in enumerate(AXES)}
         signals |= {f"dw_{a}": motion.dw[:, j] for j, a in enumerate(AXES)}
-        i, p, o = (channel.axis + np.arange(3)) % 3
+        shared = Record(time_s=motion.time_s, signals=signals)
+        for c in self.channels[:6]:
+            own = self._own_signals(motion, c)
+            yield c, (shared.with_signals(**own) if own else shared)
+
+    def _own_signals(self, motion: Motion, channel: Channel) -> dict[str, FloatArray]:
+        own: dict[str, FloatArray] = {}
+        axis = channel.id.axis
+        i, p, o = (axis + np.arange(3)) % 3
         for name, j in (("a_i_g", i), ("a_p_g", p), ("a_o_g", o)):
-            signals[name] = motion.f[:, j] / self.gravity_m_s2
+            if name in channel.model.needs:
+                own[name] = motion.f[:, j] / self.gravity_m_s2
         if motion.temp_c is not None:
-            x = motion.temp_c[:, channel.axis] - self.t_ref_c
-            signals["x_c"] = signals["x_slow_c"] = x
-            signals["rate_c_per_min"] = _slope(motion.time_s, x) * 60.0
-        return Record(time_s=motion.time_s, signals=signals)
+            x = motion.temp_c[:, axis] - self.t_ref_c
+            own["x_c"] = own["x_slow_c"] = x
+            own["rate_c_per_min"] = _slope(motion.time_s, x) * 60.0
+        return own
 
 
 def ends_of(values: FloatArray, at_start: NDArray[np.bool_]) -> FloatArray:

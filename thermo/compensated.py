@@ -9,19 +9,17 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pyarrow
-import pyarrow.csv
 import pyarrow.parquet
 
 from errormodel.arrays import FloatArray
 from errormodel.errors import InputError
 from errormodel.files import read_text
-from thermo.atomic import written_together
+from errormodel.table_write import write_with_sidecar
 from thermo.compensation import Compensated, compensate
 from thermo.modelfile import ModelFile, read_model
-from thermo.recording import RecordedRuns, read_runs, sidecar_path
+from thermo.recording import RecordedRuns, read_runs
 
 arrow: Any = pyarrow  # it has no types
-arrow_csv: Any = pyarrow.csv
 arrow_parquet: Any = pyarrow.parquet
 
 ADDED = ("accel_g", "accel_compensated_g")
@@ -142,17 +140,7 @@ def write_compensated(runs: RecordedRuns, values: Compensated, path: Path) -> No
     InputError
         If the suffix is neither .csv nor .parquet, or the files cannot be written.
     """
-    suffix = path.suffix.lower()
-    if suffix not in {".csv", ".parquet", ".pq"}:
-        raise InputError(path, "", "expected a name ending in .csv or .parquet")
-    frame = compensated_frame(runs, values)
-    table = arrow.Table.from_pandas(frame, preserve_index=False)
-    with written_together([path, sidecar_path(path)]) as (draft, side_draft):
-        if suffix == ".csv":
-            _write_csv(table, frame, draft)
-        else:
-            arrow_parquet.write_table(table, draft, write_page_checksum=True)
-        side_draft.write_text(_sidecar(runs), encoding="utf-8")
+    write_with_sidecar(compensated_frame(runs, values), _sidecar(runs), path)
 
 
 def compensated_frame(runs: RecordedRuns, values: Compensated) -> pd.DataFrame:
@@ -166,16 +154,6 @@ def compensated_frame(runs: RecordedRuns, values: Compensated) -> pd.DataFrame:
     frame[ADDED[1]] = values.accel_compensated_g
     frame["flag"] = flags
     return frame
-
-
-def _write_csv(table: Any, frame: pd.DataFrame, path: Path) -> None:
-    texts = (str(v) for name in ("run", "serial", "flag") for v in frame[name].unique())
-    style = "needed" if any(set(text) & set(',"\r\n') for text in texts) else "none"
-    header = (",".join(str(name) for name in frame.columns) + "\n").encode()
-    options = arrow_csv.WriteOptions(include_header=False, quoting_style=style)
-    with path.open("wb") as file:
-        file.write(header)
-        arrow_csv.write_csv(table, file, options)
 
 
 def _sidecar(runs: RecordedRuns) -> str:

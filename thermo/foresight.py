@@ -89,7 +89,7 @@ def foresee(
     -------
     Foresight
     """
-    channel = _planned(runs, t_ref_c)
+    channel = planned_channel(runs, t_ref_c)
     names, lost = separable_names(channel)
     static = [n for n in names if n in STATIC_NAMES or n in ("k0", "k1")]
     top = {f: max([k for k in range(5) if f"{f}_t{k}" in names], default=0) for f in ("k0", "k1")}
@@ -121,14 +121,15 @@ def _partners(
     return tuple(dict.fromkeys(groups))
 
 
-def _planned(runs: Sequence[RunPlan], t_ref_c: float) -> Channel:
-    """Return what an accelerometer will see, without an output."""
+def planned_channel(runs: Sequence[RunPlan], t_ref_c: float) -> Channel:
+    """Return what an accelerometer will see, without an output; runs laid end to end."""
     time_s = np.concatenate([r.time_s for r in runs])
     run = np.repeat(np.arange(len(runs)), [len(r.time_s) for r in runs])
     temp_c = np.concatenate([r.temp_c for r in runs])
     position_deg = np.concatenate([r.position_deg for r in runs])
     slow_c, rate = smooth_temperature(time_s, temp_c, run)
     force_g = head_force_g(position_deg)
+    ends = np.concatenate([[0.0], np.cumsum([float(r.time_s[-1]) for r in runs])])
     return Channel(
         serial="planned",
         run_ids=tuple(str(r.number) for r in runs),
@@ -142,6 +143,7 @@ def _planned(runs: Sequence[RunPlan], t_ref_c: float) -> Channel:
                 "x_c": temp_c - t_ref_c,
                 "x_slow_c": slow_c - t_ref_c,
                 "rate_c_per_min": rate,
+                "elapsed_h": (ends[run] + time_s) / 3600.0,
             },
         ),
         temp_c=temp_c,

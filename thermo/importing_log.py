@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from errormodel.errors import InputError
+from errormodel.tables import NUMBER
 from thermo.importing_map import Column, FileFormat, Rows, Where
-from thermo.recording_csv import NUMBER
 from thermo.recording_model import BoolArray, FloatArray
 
 

@@ -15,9 +15,10 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, field_valida
 
 from errormodel.errors import InputError
 from errormodel.files import check, read_toml
+from errormodel.tables import TableForm, read_table, sidecar_path
 from thermo.recording_check import Table, build
-from thermo.recording_csv import KNOWN, read_csv_table, read_parquet_table
 from thermo.recording_model import (
+    COLUMNS,
     NUMBERS,
     REQUIRED,
     Labels,
@@ -25,17 +26,21 @@ from thermo.recording_model import (
     OutputUnit,
     RecordedRuns,
 )
-from thermo.recording_write import sidecar_path, write_runs
+from thermo.recording_write import write_runs
 
 __all__ = [
     "OutputScale",
     "RecordedRuns",
     "Sidecar",
+    "join_runs",
     "make_runs",
     "read_runs",
     "sidecar_path",
     "write_runs",
 ]
+
+KNOWN = (*COLUMNS, "flag")
+FORM = TableForm(numbers=NUMBERS, texts=("run", "serial", "flag"), required=REQUIRED)
 
 
 def _instant(value: object) -> datetime:
@@ -109,7 +114,7 @@ def read_runs(paths: Sequence[Path | str]) -> RecordedRuns:
     """
     if not paths:
         raise InputError("recorded runs", "", "no file given, expected at least one")
-    return _join([_read_one(Path(path)) for path in paths])
+    return join_runs([_read_one(Path(path)) for path in paths])
 
 
 def make_runs(
@@ -169,7 +174,6 @@ def make_runs(
 
 
 def _read_one(path: Path) -> RecordedRuns:
-    is_parquet = path.suffix.lower() in {".parquet", ".pq"}
     if not path.is_file():
         raise InputError(path, "", "no such file")
     side = sidecar_path(path)
@@ -181,11 +185,20 @@ def _read_one(path: Path) -> RecordedRuns:
             "nominal_scale and, if known, run_start_utc",
         )
     sidecar = read_toml(side, Sidecar)
-    table = read_parquet_table(path) if is_parquet else read_csv_table(path)
+    raw = read_table(path, FORM)
+    text = {name: Labels(codes, names) for name, (codes, names) in raw.text.items()}
+    table = Table(text, raw.number, raw.source, raw.place)
     return build(table, sidecar.scale, sidecar.run_start_utc)
 
 
-def _join(parts: Sequence[RecordedRuns]) -> RecordedRuns:
+def join_runs(parts: Sequence[RecordedRuns]) -> RecordedRuns:
+    """Put recorded runs together; unit, gravity and scale may differ from part to part.
+
+    Raises
+    ------
+    InputError
+        If a run is in two parts with the same readings, or with different meanings.
+    """
     if len(parts) == 1:
         return parts[0]
     scales: dict[tuple[str, str], OutputScale] = {}

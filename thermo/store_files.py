@@ -6,7 +6,7 @@ from pathlib import Path
 
 from drivers.station import StationConfig
 from errormodel.errors import InputError, StoreError
-from thermo.recording import OutputUnit, RecordedRuns, write_runs
+from thermo.recording import OutputUnit, RecordedRuns, join_runs, write_runs
 from thermo.sequence import parse_sequence
 from thermo.store import Store, export_test, open_store
 from thermo.store_open import parse_url
@@ -77,8 +77,29 @@ def export_recorded(store: Store, test_id: str, path: Path) -> tuple[Exported, .
     InputError
         If a file cannot be written.
     """
+    records = _records(store, test_id)
+    done: list[Exported] = []
+    for name, record in zip(export_paths(store, test_id, path), records, strict=True):
+        write_runs(record, name)
+        done.append(Exported(path=name, record=record))
+    return tuple(done)
+
+
+def stored_runs(store: Store, test_id: str) -> RecordedRuns:
+    """Return a test's runs without writing any file.
+
+    Raises
+    ------
+    StoreError
+        If there is no such test or it has no readings.
+    """
+    return join_runs(_records(store, test_id))
+
+
+def _records(store: Store, test_id: str) -> list[RecordedRuns]:
+    """Return the runs of each group of accelerometers."""
     config = StationConfig.model_validate_json(store.test(test_id).station_json)
-    records = [
+    return [
         export_test(
             store,
             test_id,
@@ -90,11 +111,6 @@ def export_recorded(store: Store, test_id: str, path: Path) -> tuple[Exported, .
         )
         for group in _groups(store, test_id)
     ]
-    done: list[Exported] = []
-    for name, record in zip(export_paths(store, test_id, path), records, strict=True):
-        write_runs(record, name)
-        done.append(Exported(path=name, record=record))
-    return tuple(done)
 
 
 def _groups(store: Store, test_id: str) -> Sequence[_Group]:

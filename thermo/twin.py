@@ -174,6 +174,7 @@ class _Unit:
                 "x_c": x,
                 "x_slow_c": x,
                 "rate_c_per_min": rate * full,
+                "elapsed_h": (last_s + (now_s - last_s) * part) / 3600.0,
             },
         )
         output, self.memory = self.given.model.continue_simulation(

@@ -31,6 +31,12 @@ COMMANDS = {
     "import": ("commands_fit", "import_", "Make a recorded run of somebody else's log."),
     "fit": ("commands_fit", "fit", "Fit each accelerometer's error model over temperature."),
     "compensate": ("commands_fit", "compensate", "Apply a model to recorded runs."),
+    "stability": ("commands_stability", "stability", "Compare runs: does each coefficient repeat?"),
+    "discrepancy": (
+        "commands_discrepancy",
+        "discrepancy",
+        "Name the effect that a model lacks, and add it.",
+    ),
     "emulate": ("commands_store", "emulate", "Serve the instruments of a station file."),
 }
 

@@ -6,8 +6,8 @@ from pathlib import Path
 import click
 from rich.console import RenderableType
 
+from errormodel.atomic import write_files
 from errormodel.errors import InputError, NotSeparableError
-from thermo.atomic import write_files
 from thermo.compensated import CompensatedFile, compensate_files
 from thermo.fitting import AccelerometerFit, TermsFile, fit_runs, read_terms
 from thermo.importing import import_log
@@ -18,6 +18,7 @@ from workbench.fit_output import fit_document, fit_text
 from workbench.outputs import (
     REPORT_NAME,
     RUN_SUFFIXES,
+    check_report_folder,
     checked_output,
     checked_run_output,
     force_option,
@@ -75,7 +76,7 @@ def fit(
     if out is not None:
         checked_output(out, inputs, force=force)
     if report is not None:
-        _check_report(report, force=force)
+        check_report_folder(report, force=force)
     given = read_terms(terms) if terms else None
     record = read_runs(paths)
     fits = _fit(record, given, wanted)
@@ -128,13 +129,6 @@ def _runs_and_ids(
         else:
             paths.append(Path(name))
     return paths, (*holdout, *more)
-
-
-def _check_report(folder: Path, *, force: bool) -> None:
-    if folder.exists() and not folder.is_dir():
-        raise click.UsageError(f"--report {folder}: is a file, expected a folder")
-    if folder.is_dir():
-        checked_output(folder / REPORT_NAME, [], force=force)
 
 
 @click.command()

@@ -7,8 +7,8 @@ from importlib import resources
 from pathlib import Path
 
 from drivers.clock import ScaledClock, SteppedClock
+from errormodel.atomic import write_files
 from errormodel.errors import InputError
-from thermo.atomic import write_files
 from thermo.compensated import CompensatedFile, compensate_files
 from thermo.fitting import AccelerometerFit, fit_runs
 from thermo.modelfile import ModelFile, dump_model, make_model_file
@@ -20,7 +20,8 @@ from thermo.station_emulated import default_station, run_emulated
 from thermo.station_types import Observer, TestOutcome
 from thermo.store_files import export_recorded, open_existing_store
 from thermo.uniformity import RampVerdict, judge_test
-from workbench.report import ReportExtras, ReportTable, write_report
+from workbench.page import ReportTable
+from workbench.report import ReportExtras, write_report
 
 # What nobody fitting the data is told: the third accelerometer's bias lags behind its temperature.
 HIDDEN: Mapping[str, Mapping[str, float]] = {

@@ -53,6 +53,22 @@ def checked_output(path: Path, inputs: Sequence[Path], *, force: bool) -> None:
         raise InputError(path, "", "its folder does not exist")
 
 
+def check_report_folder(folder: Path, *, force: bool) -> None:
+    """Check where a report shall go.
+
+    Raises
+    ------
+    UsageError
+        If it is a file.
+    InputError
+        If there is a report in it that must not be replaced.
+    """
+    if folder.exists() and not folder.is_dir():
+        raise click.UsageError(f"--report {folder}: is a file, expected a folder")
+    if folder.is_dir():
+        checked_output(folder / REPORT_NAME, [], force=force)
+
+
 def with_sidecars(paths: Sequence[Path]) -> list[Path]:
     """Return recorded runs and the sidecars beside them."""
     return [q for p in paths for q in (p, sidecar_path(p))]

@@ -1,16 +1,10 @@
 """The report: one HTML file that holds everything, and its figures as PNG beside it."""
 
-import base64
-import platform
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime
-from importlib.metadata import version
 from pathlib import Path
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
-
-from thermo.atomic import write_files
+from errormodel.atomic import write_files
 from thermo.fitting import AccelerometerFit
 from thermo.modelfile import CLIP_RULE, ModelFile, make_model_file, reported
 from thermo.recording import RecordedRuns
@@ -18,9 +12,8 @@ from workbench.console import micro_g, number
 from workbench.figures import MAX_ACCELEROMETERS, pictures
 from workbench.fit_output import sentences, value_and_sigma
 from workbench.outputs import REPORT_NAME
-from workbench.plotting import Picture
+from workbench.page import ReportTable, embedded, rendered, source_rows
 
-SOFTWARE = ("accelbench", "numpy", "scipy", "pandas", "matplotlib")
 CONVENTIONS = (
     "Specific force of a body at rest points up with magnitude g; a is in local g.",
     "IA is the input, PA the pendulous, OA the output axis, OA = IA × PA; with the indexing head "
@@ -31,16 +24,6 @@ CONVENTIONS = (
     "median taken over the temperatures that both directions passed.",
     "Sigmas are standard deviations (1 σ) and allow for slow drift as well as for white noise.",
 )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ReportTable:
-    """A further table of a report: of a station's test, for instance."""
-
-    title: str
-    columns: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-    note: str = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -97,34 +80,21 @@ def render_report(
     """Return a report's files by name, without writing any."""
     extras = extras or ReportExtras()
     drawn = list(pictures(fits, runs))
-    environment = Environment(
-        loader=PackageLoader("workbench"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    html = environment.get_template("report.html.j2").render(
+    html = rendered(
+        "report.html.j2",
         title=title,
-        made=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
         model=extras.model or make_model_file(fits),
         clip_rule=CLIP_RULE,
         summary=_summary(fits),
         told=[(f.serial, list(sentences(f))) for f in fits],
         coefficients=_coefficients(fits),
-        sources=_sources(fits, runs),
+        sources=source_rows(runs, {run for f in fits for run in f.digests}),
         conventions=CONVENTIONS,
-        software=_software(),
-        figures=[_embedded(p) for p in drawn],
+        figures=[embedded(p) for p in drawn],
         unpictured=max(0, len(fits) - MAX_ACCELEROMETERS),
         extras=extras,
     )
     return {REPORT_NAME: html.encode(), **{p.name: p.png for p in drawn}}
-
-
-def _embedded(one: Picture) -> dict[str, str]:
-    data = base64.b64encode(one.png).decode("ascii")
-    return {"name": one.name, "caption": one.caption, "uri": f"data:image/png;base64,{data}"}
 
 
 def _summary(fits: Sequence[AccelerometerFit]) -> list[list[str]]:
@@ -170,27 +140,3 @@ def _coefficients(fits: Sequence[AccelerometerFit]) -> list[list[str]]:
 
 def _range(pair: tuple[float, float]) -> str:
     return f"{number(pair[0], 3)} … {number(pair[1], 3)}"
-
-
-def _sources(fits: Sequence[AccelerometerFit], runs: RecordedRuns) -> list[list[str]]:
-    fitted = {run for f in fits for run in f.digests}
-    rows: list[list[str]] = []
-    for run in runs.run_ids:
-        mine = runs.run.codes == runs.run_ids.index(run)
-        start = runs.run_start_utc.get(run)
-        rows.append(
-            [
-                run,
-                "fitted" if run in fitted else "held out",
-                start.strftime("%Y-%m-%d %H:%M:%S UTC") if start else "not recorded",
-                f"{int(mine.sum())}",
-                f"{int((mine & ~runs.good).sum())}",
-                runs.digest(run),
-            ]
-        )
-    return rows
-
-
-def _software() -> str:
-    versions = (f"{name} {version(name)}" for name in SOFTWARE)
-    return ", ".join((f"Python {platform.python_version()}", *versions))

@@ -2,8 +2,8 @@ from pathlib import Path
 
 import pytest
 
+from errormodel.atomic import write_files, written_together
 from errormodel.errors import InputError
-from thermo.atomic import write_files, written_together
 
 
 def names(folder: Path) -> list[str]:

@@ -1,0 +1,365 @@
+"""The search: one effect after another, each slot tried again once the others are known."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Protocol
+
+import numpy as np
+
+from errormodel.arrays import FloatArray
+from errormodel.discrepancy.coloured import NoiseShape
+from errormodel.discrepancy.events import event_ratios, events_of
+from errormodel.discrepancy.floor import NoiseFloor, estimate_floor
+from errormodel.discrepancy.nulls import Calibration
+from errormodel.discrepancy.problem import Candidate, Problem, Signature, Theta
+from errormodel.discrepancy.scan import Found, Prepared, View
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rules:
+    """The thresholds, frozen before any benchmark is run.
+
+    Attributes
+    ----------
+    alpha : float
+        False-alarm rate of the library as a whole, for an effect to enter.
+    further : float
+        What a further effect must explain, beyond luck, beside one that is named already: the
+        shape of the first is never known quite.
+    alpha_rest : float
+        The same for what is left to be called unexplained.
+    alias : float
+        Effects whose gain (beyond its mean under the null) is within this of the best cannot be
+        told from it. Two effects that truly differ by this in expectation are taken for each
+        other in about one case in 700.
+    share : float
+        What the named effects must explain of the excess for their names to stand.
+    supple : float
+        A more supple member of a family must gain this, beyond twice its further unknowns.
+    relative : float
+        An effect weaker than this share of a named one, in a pattern that the named one half
+        imitates, is told as the shape of that one and not by a name of its own.
+    most : int
+        Effects named at most.
+    """
+
+    alpha: float = 0.006
+    further: float = 30.0
+    alpha_rest: float = 0.004
+    alias: float = 9.0
+    share: float = 0.6
+    supple: float = 9.0
+    relative: float = 0.15
+    most: int = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """An effect put into the model, at its nonlinear parameters; `rich` the supple member."""
+
+    name: str
+    theta: Theta
+    rich: bool = False
+
+
+class Source(Protocol):
+    """What makes the engine's problem of a model with some effects added."""
+
+    def problem(self, chosen: Sequence[Choice], shape: NoiseShape) -> Problem:
+        """Return the problem of the enlarged model, refitted under a noise."""
+        ...
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LinearSource:
+    """A source for a problem that is linear in everything, as a filter's innovations are.
+
+    The effects chosen join the baseline by their signature's columns.
+    """
+
+    start: Problem
+
+    def problem(self, chosen: Sequence[Choice], shape: NoiseShape) -> Problem:
+        """Return the problem with the chosen effects' columns in the baseline."""
+        del shape
+        by_name = {c.name: c for c in self.start.candidates}
+        added = [by_name[c.name].signature(c.theta).columns for c in chosen]
+        names = {c.name for c in chosen}
+        return Problem(
+            times=self.start.times,
+            residual=self.start.residual,
+            base=np.hstack([self.start.base, *added]),
+            candidates=tuple(c for c in self.start.candidates if c.name not in names),
+            saturated=np.hstack([self.start.saturated, *added]),
+            factors=self.start.factors,
+            noise=self.start.noise,
+            sigma=self.start.sigma,
+            events=self.start.events,
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Slot:
+    """One named effect and its rivals.
+
+    Attributes
+    ----------
+    choice : Choice
+    gain : float
+        Chi-square it explains beside the other effects.
+    p_value : float
+        Of that gain, over the library.
+    rivals : tuple of (str, float)
+        Every other effect with how far its score lies below, nearest first.
+    alias : tuple of str
+        The names that cannot be told apart, the best first; one name alone: it is named.
+    """
+
+    choice: Choice
+    gain: float
+    p_value: float
+    rivals: tuple[tuple[str, float], ...]
+    alias: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class SearchResult:
+    """What the search found.
+
+    Attributes
+    ----------
+    slots : tuple of Slot
+    floor : NoiseFloor
+        The noise the last steps were judged by.
+    explained : float
+        Chi-square that the effects explain together.
+    first : tuple of Found
+        Every candidate on the residual of the present model.
+    """
+
+    slots: tuple[Slot, ...]
+    floor: NoiseFloor
+    explained: float
+    first: tuple[Found, ...] = field(default=())
+
+
+def chi_square(view: View) -> float:
+    """Return the whitened sum of squares that the baseline leaves."""
+    rest = view.beside_base(view.data[:, None])[:, 0]
+    return float(rest @ rest)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Ranked:
+    """A candidate at its best.
+
+    `score` is its gain beyond its mean under the null: what an effect with more unknowns gains by
+    luck does not count for it. `p_value` is over the whole library.
+    """
+
+    found: Found
+    score: float
+    p_value: float
+
+
+# Simulates the null laws anew once the noise has been estimated beside an event.
+Recalibrate = Callable[[Problem, NoiseFloor], Calibration]
+
+
+class Search:
+    """A search for missing effects under one calibration."""
+
+    def __init__(
+        self,
+        source: Source,
+        floor: NoiseFloor,
+        laws: Calibration,
+        rules: Rules | None = None,
+        again: Recalibrate | None = None,
+    ) -> None:
+        self.source, self.floor, self.laws = source, floor, laws
+        self.rules = rules or Rules()
+        self._again = again
+        self._entered: dict[str, float] = {}
+
+    def view(self, chosen: Sequence[Choice]) -> View:
+        """Return the refitted problem under the present noise."""
+        problem = self.source.problem(chosen, self.floor.shape)
+        return View(problem, self.floor.shape, self.floor.sigma)
+
+    def chosen(self) -> tuple[Choice, ...]:
+        """Add effects while they are significant."""
+        return tuple(self._added()[0])
+
+    def _added(self) -> tuple[list[Choice], tuple[Found, ...]]:
+        chosen: list[Choice] = []
+        first: tuple[Found, ...] = ()
+        for _ in range(self.rules.most):
+            view = self.view(chosen)
+            ranked = self._with_ratios(view, self.ranked(view))
+            first = first or tuple(r.found for r in ranked)
+            if not ranked or ranked[0].p_value >= self.rules.alpha:
+                break
+            best = ranked[0].found
+            if chosen and (
+                ranked[0].score < self.rules.further or self._is_shape(best, view, chosen)
+            ):
+                break
+            self._entered[best.candidate.name] = ranked[0].p_value
+            chosen.append(Choice(best.candidate.name, best.theta))
+            chosen = self._made_supple(chosen)
+            if best.candidate.event:
+                self._renew_floor(chosen)
+        return chosen, first
+
+    def run(self) -> SearchResult:
+        """Add effects while they are significant, then try every slot again."""
+        start = self.floor, self.laws
+        chosen, first = self._added()
+        slots = self._settled(chosen)
+        if not slots:
+            self.floor, self.laws = start
+        explained = 0.0
+        if slots:
+            before, after = self.view([]), self.view([s.choice for s in slots])
+            explained = chi_square(before) - chi_square(after)
+        return SearchResult(slots=slots, floor=self.floor, explained=explained, first=first)
+
+    def ranked(self, view: View) -> list[Ranked]:
+        """Return every candidate at its best, under the present noise, best first."""
+        made: list[Ranked] = []
+        for found in Prepared(view, view.problem.candidates).scan():
+            name = found.candidate.name
+            p_value = self._p_value(name, found.grid_gain)
+            made.append(Ranked(found, found.gain - self._luck(name), p_value))
+        return sorted(made, key=lambda r: -r.score)
+
+    def _with_ratios(self, view: View, ranked: list[Ranked]) -> list[Ranked]:
+        """Let events count with their likelihood ratios: each beside its own noise."""
+        if not self.laws.shapes:
+            return ranked
+        data = view.problem.residual[:, None]
+        values = event_ratios(view.problem, self.laws.shapes, data)[:, 0].tolist()
+        ratios = dict(
+            zip((c.name for c in events_of(view.problem)), values, strict=True)
+        )
+        made = [
+            Ranked(r.found, ratios[n] - self._luck(n), self._p_value(n, ratios[n]))
+            if (n := r.found.candidate.name) in ratios
+            else r
+            for r in ranked
+        ]
+        return sorted(made, key=lambda r: -r.score)
+
+    def _luck(self, name: str) -> float:
+        return self.laws.gains[name].mean if name in self.laws.gains else 0.0
+
+    def _p_value(self, name: str, gain: float) -> float:
+        return self.laws.p_family(self.laws.p_of(name, gain))
+
+    def _is_shape(self, best: Found, view: View, chosen: Sequence[Choice]) -> bool:
+        """Tell whether an effect is only the ill-known shape of a much stronger one."""
+        plain = self.view([])
+        signature = best.candidate.signature(best.theta)
+        alone, beside = plain.strength(signature), view.strength(signature)
+        imitated = 1.0 - (beside / alone) ** 2 if alone > 0 else 1.0
+        total = chi_square(plain) - chi_square(view)
+        return imitated > 0.3 and best.gain < self.rules.relative**2 * total and bool(chosen)
+
+    def _made_supple(self, chosen: list[Choice]) -> list[Choice]:
+        """Give the last effect its family's richer member when that explains clearly more."""
+        last = chosen[-1]
+        view = self.view(chosen[:-1])
+        head = next(c for c in view.problem.candidates if c.name == last.name)
+        if head.richer is None:
+            return chosen
+        plain = Prepared(view, [head]).scan()[0]
+        rich = Prepared(view, [head.richer]).scan()[0]
+        more = _unknowns(head.richer) - _unknowns(head)
+        if rich.gain - plain.gain > self.rules.supple + 2.0 * more:
+            return [*chosen[:-1], Choice(last.name, rich.theta, rich=True)]
+        return chosen
+
+    def _renew_floor(self, chosen: Sequence[Choice]) -> None:
+        """Estimate the noise beside the effects chosen, and its null laws with it."""
+        problem = self.source.problem(chosen, self.floor.shape)
+        if problem.noise is not None:
+            return
+        self.floor = estimate_floor(problem.times, problem.residual, problem.saturated)
+        if self._again is not None:
+            laws = self._again(self.source.problem(chosen, self.floor.shape), self.floor)
+            self.laws = replace(laws, gains={**self.laws.gains, **laws.gains})
+
+    def _settled(self, chosen: list[Choice]) -> tuple[Slot, ...]:
+        """Try every slot again beside the others; drop what no longer stands."""
+        for _ in range(2):
+            slots: list[Slot] = []
+            moved = False
+            for k in range(len(chosen)):
+                others = [c for j, c in enumerate(chosen) if j != k]
+                slot = self._slot(others, chosen[k])
+                if slot is None:
+                    return self._settled(others)
+                swapped = slot.choice.name != chosen[k].name
+                chosen[k] = slot.choice
+                slots.append(slot)
+                if swapped:
+                    moved = True
+                    self._entered[slot.choice.name] = slot.p_value
+                    self._renew_floor(chosen)
+            if not moved:
+                return tuple(slots)
+        return tuple(slots) if chosen else ()
+
+    def _slot(self, others: Sequence[Choice], present: Choice) -> Slot | None:
+        view = self.view(others)
+        ranked = self._with_rich(view, self.ranked(view), present)
+        best = ranked[0].found
+        name = best.candidate.name
+        # an event was judged when it entered; the noise has since been estimated beside it
+        p_value = ranked[0].p_value
+        if best.candidate.event:
+            p_value = self._entered.get(name, self._entered.get(present.name, 1.0))
+        if p_value >= self.rules.alpha:
+            return None
+        below = [(r.found.candidate.name, ranked[0].score - r.score) for r in ranked]
+        return Slot(
+            choice=Choice(name, best.theta, rich=present.rich and name == present.name),
+            gain=best.gain,
+            p_value=p_value,
+            rivals=tuple(below[1:]),
+            alias=tuple(n for n, b in below if b < self.rules.alias),
+        )
+
+    def _with_rich(self, view: View, ranked: list[Ranked], present: Choice) -> list[Ranked]:
+        """Let the richer member stand for its family where it was chosen."""
+        if not present.rich:
+            return ranked
+        made = [
+            self._richer(view, r) if r.found.candidate.name == present.name else r for r in ranked
+        ]
+        return sorted(made, key=lambda r: -r.score)
+
+    def _richer(self, view: View, plain: Ranked) -> Ranked:
+        candidate = plain.found.candidate
+        if candidate.richer is None:
+            return plain
+        rich = Prepared(view, [candidate.richer]).scan()[0]
+        more = _unknowns(candidate.richer) - _unknowns(candidate)
+        found = Found(
+            candidate=candidate,
+            theta=rich.theta,
+            gain=rich.gain,
+            grid_gain=max(plain.found.grid_gain, rich.grid_gain),
+        )
+        return Ranked(found, plain.score + rich.gain - plain.found.gain - 2.0 * more, plain.p_value)
+
+
+def _unknowns(candidate: Candidate) -> int:
+    signature: Signature = candidate.prepared()[0]
+    return signature.columns.shape[1] + len(candidate.grid[0])
+
+
+def residual_of(view: View) -> FloatArray:
+    """Return the whitened residual beside the baseline."""
+    return view.beside_base(view.data[:, None])[:, 0]

@@ -1,0 +1,300 @@
+"""Combined calibration: rig and chamber correct each other, and what it buys in flight.
+
+Three calibrations of the same run are compared: without temperature, with the chamber's model
+applied beforehand and left as it was, and combined.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import cast
+
+import numpy as np
+
+from errormodel.arrays import FloatArray, freeze, readonly
+from errormodel.errors import InputError
+from errormodel.filtering import covariance_share, run_filter
+from errormodel.kalman import State
+from sinscal.calibrate import Mode, RigCalibration, calibrate
+from sinscal.combined import (
+    ChamberModel,
+    at_reference,
+    chamber_names,
+    combined_prior,
+    combined_sensors,
+)
+from sinscal.contradiction import ChamberTest, compare_with_chamber
+from sinscal.earth import A_M
+from sinscal.flight import flight_sensitivity
+from sinscal.navigation_errors import DLAT, DLON
+from sinscal.priors import PriorFile, RigPrior
+from sinscal.rigfilter import RigNoise, cycle_data
+from sinscal.run import AXES, RigRun
+from sinscal.sensors import Motion, SensorModel, sensor_model
+from sinscal.terms import BASIC
+from sinscal.trajectory import FlightPlan
+
+# How far an accelerometer's coefficients may be from anything the chamber says, in the model's own
+# units: spreads between units of one type (assumed, from common data sheets).
+WIDE = {"k0": 5e-3, "k1": 2e-2, "k0_t": 50e-6, "k1_t": 300e-6}
+WIDE_FACTOR = 100.0  # of the chamber's sigma, for what is not among them
+THIN_ROWS = 2000  # of each cycle, for what a thermistor's offset would do
+
+Tell = Callable[[str], None]
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Combination:
+    """What rig and chamber say together.
+
+    Attributes
+    ----------
+    calibration : RigCalibration
+        Combined; its unknowns hold the chamber's coefficients by axis (`k0_x`).
+    names, values, cov
+        At the reference temperature, in the rig's names, SI.
+    prior_pull : mapping of str to float
+        By how many of the chamber's own sigmas each of its coefficients was moved.
+    prior_kept : mapping of str to float
+        Sigma after over sigma before, of each.
+    test : ChamberTest
+    before : RigCalibration
+        With the chamber's model applied beforehand.
+    plain : RigCalibration
+        Without temperature.
+    flight_m : mapping of str to float
+        ρ at the end of the flight: no_thermal, before, combined.
+    """
+
+    calibration: RigCalibration
+    names: tuple[str, ...]
+    values: FloatArray
+    cov: FloatArray
+    prior_pull: Mapping[str, float]
+    prior_kept: Mapping[str, float]
+    test: ChamberTest
+    before: RigCalibration
+    plain: RigCalibration
+    flight_m: Mapping[str, float]
+
+    def __post_init__(self) -> None:
+        freeze(self, values=readonly(self.values), cov=readonly(self.cov))
+
+
+def combine(
+    run: RigRun,
+    chambers: Sequence[ChamberModel],
+    mode: Mode = "coarse",
+    *,
+    groups: Sequence[str] = BASIC,
+    priors: PriorFile | None = None,
+    turn_on: Mapping[str, float] | None = None,
+    noise: RigNoise | None = None,
+    plan: FlightPlan | None = None,
+    tell: Tell = lambda _: None,
+) -> Combination:
+    """Calibrate a SINS that warms itself, with its accelerometers' chamber models.
+
+    Parameters
+    ----------
+    run : RigRun
+        With temperatures.
+    chambers : sequence of three ChamberModel
+        Of the accelerometers x, y, z.
+    mode : {"coarse", "precise"}
+    groups : sequence of str
+        What is estimated of the SINS beside the chamber's coefficients.
+    priors : PriorFile, optional
+    turn_on : mapping of str to float, optional
+        Sigmas by which `k0` (g) and `k1` (relative) may have changed since the chamber.
+    noise : RigNoise, optional
+    plan : FlightPlan, optional
+        The flight to judge by; it warms up as the rig run did.
+    tell : callable
+        Told in a few words what is being done.
+
+    Raises
+    ------
+    InputError
+        If the run has no temperatures, or the models do not fit together.
+    """
+    if run.temp_c is None:
+        raise InputError(run.source, "temp_c", "missing; a combined calibration needs temperatures")
+    sensors = combined_sensors(chambers, groups)
+    prior = combined_prior(sensors, chambers, file=priors, turn_on=turn_on)
+
+    def solve(what: str, own: SensorModel, known: RigPrior | None) -> RigCalibration:
+        tell(what)
+        return calibrate(run, mode, sensors=own, prior=known, noise=noise)
+
+    wide_prior = _wide(prior, sensors, chambers)
+    wide = solve("rig alone", sensors, wide_prior)
+    test = compare_with_chamber(
+        sensors, chambers, _thinned(run), wide.values[: len(sensors.names)],
+        wide.cov[: len(sensors.names), : len(sensors.names)], wide_prior.cov,
+    )  # fmt: skip
+    ended = solve("rig and chamber", sensors, prior)
+    before = solve("chamber's model beforehand", sensors, _beforehand(prior, sensors, chambers))
+    own = sensor_model(groups, t_ref_c=sensors.t_ref_c, gravity_m_s2=sensors.gravity_m_s2)
+    plain = solve("without temperature", own, None)
+    tell("flight")
+    names, values, cov = at_reference(ended.names, ended.values, ended.cov, sensors.gravity_m_s2)
+    pull, kept = _pulls(ended, sensors, chambers, prior)
+    return Combination(
+        calibration=ended,
+        names=names,
+        values=values,
+        cov=cov,
+        prior_pull=pull,
+        prior_kept=kept,
+        test=test,
+        before=before,
+        plain=plain,
+        flight_m=_flights(run, ended, before, plain, prior, plan or FlightPlan()),
+    )
+
+
+def _wide(prior: RigPrior, sensors: SensorModel, chambers: Sequence[ChamberModel]) -> RigPrior:
+    """Return a prior that is centred on the chamber's models and hardly holds them."""
+    cov = prior.cov.copy()
+    for name in chamber_names(sensors, chambers):
+        i = sensors.names.index(name)
+        stem = name.rpartition("_")[0]
+        order = stem.rpartition("_t")[2] if "_t" in stem else ""
+        sigma = WIDE.get(stem)
+        if sigma is None and stem[:4] in ("k0_t", "k1_t"):
+            # over 30 °C each higher order may do a tenth of what the first does
+            sigma = WIDE[stem[:4]] * 0.1 ** (int(order) - 1) / 30.0 ** (int(order) - 1)
+        old = float(np.sqrt(cov[i, i]))
+        cov[i, :], cov[:, i] = 0.0, 0.0
+        cov[i, i] = max(sigma or 0.0, WIDE_FACTOR * old) ** 2
+    return replace(prior, cov=cov)
+
+
+def _beforehand(
+    prior: RigPrior, sensors: SensorModel, chambers: Sequence[ChamberModel]
+) -> RigPrior:
+    """Return the prior of who applies the chamber's model beforehand and then asks the rig.
+
+    The rig's own wide priors for zero and scale errors; the rest of the chamber's is left as it is.
+    """
+    cov = prior.cov.copy()
+    for name in chamber_names(sensors, chambers):
+        i = sensors.names.index(name)
+        cov[i, :], cov[:, i] = 0.0, 0.0
+        cov[i, i] = WIDE.get(name.rpartition("_")[0], 0.0) ** 2
+    return replace(prior, cov=cov)
+
+
+def _thinned(run: RigRun) -> list[Motion]:
+    out: list[Motion] = []
+    for cycle in cycle_data(run, 1.0):
+        m = cycle.measured
+        rows = np.arange(0, len(m), max(1, len(m) // THIN_ROWS))
+        assert m.temp_c is not None
+        out.append(
+            Motion(
+                time_s=m.time_s[rows],
+                step_s=m.step_s[rows],
+                w=m.w[rows],
+                f=m.f[rows],
+                dw=m.dw[rows],
+                temp_c=m.temp_c[rows],
+            )
+        )
+    return out
+
+
+def _pulls(
+    ended: RigCalibration,
+    sensors: SensorModel,
+    chambers: Sequence[ChamberModel],
+    prior: RigPrior,
+) -> tuple[dict[str, float], dict[str, float]]:
+    pull: dict[str, float] = {}
+    kept: dict[str, float] = {}
+    for name in chamber_names(sensors, chambers):
+        i = sensors.names.index(name)
+        sigma = float(np.sqrt(prior.cov[i, i]))
+        if sigma > 0.0:
+            pull[name] = (ended.value(name) - float(prior.values[i])) / sigma
+            kept[name] = ended.sigma(name) / sigma
+    return pull, kept
+
+
+def _flights(
+    run: RigRun,
+    ended: RigCalibration,
+    before: RigCalibration,
+    plain: RigCalibration,
+    prior: RigPrior,
+    plan: FlightPlan,
+) -> dict[str, float]:
+    """Return ρ at the end of a flight for the three calibrations.
+
+    What the plain one leaves is taken from the combined one: how the two differ over the flight.
+    """
+    sensors, count = ended.sensors, len(ended.sensors.names)
+    warm = _warming(run)
+
+    def columns(motion: Motion) -> FloatArray:
+        warmed = replace(motion, temp_c=warm(motion.time_s - motion.time_s[0]))
+        out = np.zeros((len(motion), 6, count + 1))
+        block = sensors.columns(warmed, ended.values[:count])
+        for j in range(block.shape[1]):
+            out[:, sensors.owner[j], j] = block[:, j]
+        total = sensors.errors(warmed, ended.values[:count])
+        by_plain = plain.sensors.errors(warmed, plain.values[: len(plain.sensors.names)])
+        out[:, :, count] = total - by_plain
+        return out
+
+    names = (*sensors.names, "what the plain calibration leaves")
+    psi = flight_sensitivity(plan, names, columns=columns).psi[-1][[DLAT, DLON]]
+    lat = plan.latitude_rad
+    to_m = A_M * np.array([1.0, np.cos(lat)])
+    psi = to_m[:, None] * psi
+    own, left = psi[:, :count], psi[:, count]
+
+    def rho(cov: FloatArray, more: FloatArray) -> float:
+        return float(np.sqrt(np.trace(own @ cov @ own.T) + more @ more))
+
+    zero = np.zeros(2)
+    combined = ended.cov[:count, :count]
+    return {
+        "no_thermal": rho(combined, left),
+        "before": rho(_true_cov(before, prior), zero),
+        "combined": rho(combined, zero),
+    }
+
+
+def _true_cov(before: RigCalibration, prior: RigPrior) -> FloatArray:
+    """Return the covariance of a calibration that took the chamber's model for exact.
+
+    Its gains are what they are; the chamber's own covariance is sent through them.
+    """
+    layout = before.layout
+    start: State = before.start
+    gains = run_filter(start, before.steps, with_gains=True).gains
+    cov = start.cov
+    unknown = layout.unknowns
+    fixed = np.flatnonzero(np.diag(start.cov)[unknown] == 0.0)
+    at = fixed + unknown.start
+    cov[np.ix_(at, at)] = prior.cov[np.ix_(fixed, fixed)]
+    share = covariance_share(before.steps, gains, cov, before.steps.r, before.steps.q)
+    return share[unknown, unknown]
+
+
+def _warming(run: RigRun) -> Callable[[FloatArray], FloatArray]:
+    """Return the temperatures over time of the rig run, for a flight that warms up alike."""
+    assert run.temp_c is not None
+    time_s, temp_c = run.time_s - run.time_s[0], np.asarray(run.temp_c)
+    order = np.argsort(time_s, kind="stable")
+
+    def warm(at_s: FloatArray) -> FloatArray:
+        return np.column_stack(
+            [
+                cast(FloatArray, np.interp(at_s, time_s[order], temp_c[order, k]))
+                for k in range(len(AXES))
+            ]
+        )
+
+    return warm

@@ -1,0 +1,114 @@
+"""A cycle held out: whether the others predict it, and whether it agrees with them."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.stats import chi2
+
+from errormodel.arrays import FloatArray
+from errormodel.filtering import NO_GATE
+from sinscal.priors import RigPrior
+from sinscal.rigfilter import RigNoise, cycle_data
+from sinscal.rigpass import ROUGHLY_SIGMAS, RigFilter
+from sinscal.run import RigRun
+from sinscal.sensors import SensorModel
+
+# Directions in which the cycle brings less than this share of the variance are left out: there the
+# shift is as small as what the iteration leaves.
+LEAST_SHARE = 0.02
+SETTLE_S = 20.0  # at a cycle's beginning, in which its own attitude is found
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HoldOut:
+    """What a cycle says of the calibration by the others.
+
+    Attributes
+    ----------
+    cycle : int
+        Which was held out, from 0.
+    chi2, dof, p_value : float, int, float
+        Of the shift of the estimates when it is taken in: its covariance is the difference of the
+        two.
+    before_m_s2, after_m_s2 : float
+        Rms of the force that the cycle's readings leave over gravity, with the prior's values and
+        with those of the other cycles; its attitude is its own. None where forces are not read.
+    """
+
+    cycle: int
+    chi2: float
+    dof: int
+    p_value: float
+    before_m_s2: float | None = None
+    after_m_s2: float | None = None
+
+
+def shift_test(
+    values: FloatArray, cov: FloatArray, without: FloatArray, cov_without: FloatArray
+) -> tuple[float, int]:
+    """Return χ² and its degrees of freedom of the shift that more data brought.
+
+    Parameters
+    ----------
+    values, cov : ndarray, shape (p,), (p, p)
+        By all data.
+    without, cov_without
+        By part of them.
+    """
+    sigma = np.sqrt(np.diag(cov_without))
+    free = sigma > 0.0
+    scale = np.outer(sigma[free], sigma[free])
+    before = cov_without[np.ix_(free, free)] / scale
+    after = cov[np.ix_(free, free)] / scale
+    shift = (without - values)[free] / sigma[free]
+    d, v = np.linalg.eigh(before)
+    kept = d > 1e-10 * d[-1]
+    white = v[:, kept] / np.sqrt(d[kept])
+    share, axes = np.linalg.eigh(np.eye(int(kept.sum())) - white.T @ after @ white)
+    told = share > LEAST_SHARE
+    moved = axes[:, told].T @ (white.T @ shift)
+    return float(np.sum(moved**2 / share[told])), int(told.sum())
+
+
+def hold_out(
+    cycle: int,
+    values: FloatArray,
+    cov: FloatArray,
+    without: FloatArray,
+    cov_without: FloatArray,
+    residuals_m_s2: tuple[float, float] | None = None,
+) -> HoldOut:
+    """Put the test of a shift and the residuals before and after together."""
+    found, dof = shift_test(values, cov, without, cov_without)
+    return HoldOut(
+        cycle=cycle,
+        chi2=found,
+        dof=dof,
+        p_value=float(chi2.sf(found, dof)) if dof else 1.0,
+        before_m_s2=residuals_m_s2[0] if residuals_m_s2 else None,
+        after_m_s2=residuals_m_s2[1] if residuals_m_s2 else None,
+    )
+
+
+def force_residual(
+    cycle: RigRun, sensors: SensorModel, values: FloatArray, noise: RigNoise, interval_s: float
+) -> float:
+    """Return the rms force that a cycle's corrected readings leave over gravity, m/s².
+
+    Only the cycle's attitude is estimated. Innovations after the first 20 s count; as the filter
+    itself forecasts them, they hold no more than noise and what the sensors are wrong by.
+    """
+    p = values.size
+    prior = RigPrior(values=values, cov=np.zeros((p, p)))
+    facts = replace(cycle.facts, azimuth_rad=None)
+    rig = RigFilter(
+        facts=facts,
+        cycles=cycle_data(cycle, interval_s),
+        sensors=sensors,
+        prior=prior,
+        noise=replace(noise, gyro_instability=0.0, accel_instability=0.0),
+    )
+    nominal, _ = rig.find_north(interval_s)
+    ended = rig.iterate(nominal, rig.layout(), NO_GATE, ROUGHLY_SIGMAS)
+    settled = ended.filtered.innovation[round(SETTLE_S / interval_s) :, :3]
+    return float(np.sqrt(np.nanmean(settled**2)))

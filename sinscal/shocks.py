@@ -1,0 +1,91 @@
+"""Rows that must not be used as measurements: shocks and saturated samples.
+
+Thresholds come from the recording's own noise, so units do not matter.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+
+from errormodel.arrays import FloatArray
+from sinscal.recording_rows import stretches
+from sinscal.run import AXES, BoolArray, RigRun
+
+THRESHOLD = 10.0  # sigmas; Gaussian noise of a year at 100 Hz does not reach 7
+SPAN_S = 1.0  # of the running median that a shock stands out from
+WIDEN_S = 0.05  # what rings on either side
+MOST = 0.02  # share of a cycle: more is the motion itself, not shocks
+CLIPPED = 4  # equal extreme samples in a row
+BEYOND = 1.1  # times gravity
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Flagged:
+    """Rows first to last (inclusive) of a run that were flagged, and why."""
+
+    first: int
+    last: int
+    reason: str
+
+
+def find_shocks(run: RigRun) -> tuple[Flagged, ...]:
+    """Return where shocks and saturation are, in order of rows."""
+    found: list[Flagged] = []
+    for part in run.cycles:
+        marked = _shocked(run, part)
+        if np.mean(marked) <= MOST:
+            found += [
+                Flagged(first=part.start + a, last=part.start + b - 1, reason="shock")
+                for a, b in stretches(marked)
+            ]
+    gravity = run.facts.site.gravity_m_s2
+    for k, axis in enumerate(AXES):
+        found += [
+            Flagged(first=a, last=b - 1, reason=f"accel_{axis} saturated")
+            for a, b in _clipped(run.accel[:, k], gravity)
+        ]
+    return tuple(sorted(found, key=lambda one: one.first))
+
+
+def _shocked(run: RigRun, part: slice) -> BoolArray:
+    """Return the rows of a cycle in which a reading stands alone, or the force stands out."""
+    rows = part.stop - part.start
+    marked = np.zeros(rows, dtype=np.bool_)
+    if rows < 20:
+        return marked
+    step_s = float(np.median(run.step_s[part]))
+    size = min(2 * round(0.5 * SPAN_S / step_s) + 1, 2 * (rows // 4) + 1)
+    force = np.linalg.norm(run.accel[part], axis=1)
+    usual = ndimage.median_filter(force, size=max(size, 3), mode="nearest")
+    marked |= _stands_out((force - usual)[:, None])[:, 0]
+    for values in (run.gyro[part], run.accel[part]):
+        alone = values[1:-1] - 0.5 * (values[:-2] + values[2:])
+        # where a rate begins to change its neighbours differ too: that is motion
+        motion = np.abs(alone) < np.abs(values[2:] - values[:-2])
+        marked[1:-1] |= (_stands_out(alone) & ~motion).any(axis=1)
+    around = max(1, round(WIDEN_S / step_s))
+    return ndimage.binary_dilation(marked, iterations=around)
+
+
+def _stands_out(signals: FloatArray) -> BoolArray:
+    """Return which values of columns are beyond their noise; outliers do not move its measure."""
+    size = np.abs(signals - np.median(signals, axis=0))
+    sigma = np.median(size, axis=0) / 0.6745
+    # of coarsely quantised readings most may be equal: then one step is the measure
+    step = np.min(np.where(size > 0, size, np.inf), axis=0)
+    return np.abs(signals) > THRESHOLD * np.maximum(sigma, np.where(sigma > 0, 0.0, step))
+
+
+def _clipped(force: FloatArray, gravity: float) -> list[tuple[int, int]]:
+    """Return stretches in which a channel rests exactly at its largest or smallest value.
+
+    A sound one may do so too, at rest or turning evenly, when it is coarsely quantised: only what
+    is well beyond gravity is believed to be the end of the range. Gyros are not judged: a constant
+    rate looks the same.
+    """
+    found: list[tuple[int, int]] = []
+    for extreme in (float(force.max()), float(force.min())):
+        if abs(extreme) > BEYOND * gravity:
+            found += [(a, b) for a, b in stretches(force == extreme) if b - a >= CLIPPED]
+    return found

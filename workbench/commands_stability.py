@@ -1,0 +1,97 @@
+"""`accelbench stability`: the same accelerometers, run after run."""
+
+from pathlib import Path
+
+import click
+
+from errormodel.atomic import write_files
+from errormodel.errors import InputError, NotSeparableError
+from thermo.fitting import TermsFile, read_terms
+from thermo.recording import RecordedRuns, read_runs
+from thermo.stability import Stability, judge_stability
+from thermo.stability_limits import LimitsFile, read_limits
+from thermo.store_files import open_existing_store, stored_runs
+from workbench.console import emit
+from workbench.outputs import REPORT_NAME, check_report_folder, force_option, json_option
+from workbench.stability_output import stability_document, stability_text
+
+
+@click.command()
+@click.argument("files", nargs=-1, metavar="RUN.csv…")
+@click.option("--store", help="Take the runs of a test in this store instead.")
+@click.option("--test", "test_id", metavar="ID", help="The test in the store.")
+@click.option("--model", "terms", type=Path, help="TERMS.toml: the terms to fit.")
+@click.option(
+    "--at-c", type=float, multiple=True, metavar="°C…", help="Reference temperature; several."
+)
+@click.option("--limits", type=Path, help="LIMITS.toml: limits, grades, what was done between.")
+@click.option("--between", type=Path, help="The same kind of file, for what was done between.")
+@click.option("--report", type=Path, help="Folder for the report and its figures.")
+@force_option
+@json_option
+def stability(
+    files: tuple[str, ...],
+    store: str | None,
+    test_id: str | None,
+    terms: Path | None,
+    at_c: tuple[float, ...],
+    limits: Path | None,
+    between: Path | None,
+    report: Path | None,
+    force: bool,
+    as_json: bool,
+) -> int:
+    """Compare runs: repeatability, curves, variance components, verdict.
+
+    Needs two runs or more of each accelerometer. Exit code 1 when one exceeds a limit beyond
+    chance. In Python: thermo.stability.judge_stability.
+    """
+    if report is not None:
+        check_report_folder(report, force=force)
+    asked = _limits(limits, between)
+    wanted = read_terms(terms) if terms else None
+    record = _runs(files, store, test_id)
+    result = _judge(record, wanted, at_c, asked)
+    document, text = stability_document(result), list(stability_text(result))
+    if report is not None:
+        from workbench.stability_report import render_stability  # matplotlib takes its second
+
+        pages = render_stability(result, record)
+        write_files([(report / name, content) for name, content in pages.items()])
+        document["report"] = str(report / REPORT_NAME)
+        text.append(f"report: {report / REPORT_NAME}")
+    emit(document, text, as_json=as_json)
+    return 1 if result.failed else 0
+
+
+def _limits(limits: Path | None, between: Path | None) -> LimitsFile:
+    asked = read_limits(limits) if limits else LimitsFile()
+    if between is None:
+        return asked
+    said = read_limits(between)
+    if said != LimitsFile(between=said.between):
+        raise InputError(between, "", "expected [[between]] only; limits go into --limits")
+    return asked.model_copy(update={"between": (*asked.between, *said.between)})
+
+
+def _runs(files: tuple[str, ...], store: str | None, test_id: str | None) -> RecordedRuns:
+    if store is None and test_id is None:
+        if not files:
+            raise click.UsageError("no RUN.csv given, expected one or more, or --store and --test")
+        return read_runs([Path(name) for name in files])
+    if store is None or test_id is None or files:
+        raise click.UsageError("expected --store and --test together and no RUN.csv beside them")
+    with open_existing_store(store) as opened:
+        return stored_runs(opened, test_id)
+
+
+def _judge(
+    record: RecordedRuns, terms: TermsFile | None, at_c: tuple[float, ...], limits: LimitsFile
+) -> Stability:
+    """Compare; a complaint about an accelerometer is told with the files it stands in."""
+    try:
+        return judge_stability(record, terms=terms, at_c=at_c, limits=limits)
+    except (InputError, NotSeparableError) as err:
+        if str(err).startswith(record.source):
+            raise
+        raise InputError(record.source, "", str(err)) from None
