@@ -12,7 +12,7 @@ from sinscal.flight import FlightCovariance, SensorNoise, assess, flight_sensiti
 from sinscal.flight_monte_carlo import Agreement, agreement, fly_runs
 from sinscal.residual_errors import Calibration
 from sinscal.trajectory import FlightPlan
-from thermo.atomic import write_files
+from errormodel.atomic import write_files
 from workbench.console import emit
 from workbench.figures_flight import draw_flight
 from workbench.flight_output import (
