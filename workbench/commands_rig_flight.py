@@ -7,12 +7,12 @@ from typing import Any
 
 import click
 
+from errormodel.atomic import write_files
 from sinscal.earth import DEG_PER_H
 from sinscal.flight import FlightCovariance, SensorNoise, assess, flight_sensitivity
 from sinscal.flight_monte_carlo import Agreement, agreement, fly_runs
 from sinscal.residual_errors import Calibration
 from sinscal.trajectory import FlightPlan
-from errormodel.atomic import write_files
 from workbench.console import emit
 from workbench.figures_flight import draw_flight
 from workbench.flight_output import (
