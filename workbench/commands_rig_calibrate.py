@@ -6,7 +6,7 @@ import click
 
 from errormodel.atomic import write_files
 from errormodel.errors import InputError
-from sinscal.earth import DEG_PER_H
+from sinscal.earth import ARCSEC, DEG_PER_H
 from sinscal.judged import Judged, Options, calibrate_and_judge, judge_navigation
 from sinscal.priors import read_priors
 from sinscal.recording import compensated_with, read_nav_run, read_rig_run, write_rig_run
@@ -53,6 +53,9 @@ NAVIGATION = "navigation"
               help="Sigma of the accelerometers' slow drift, m/s².")  # fmt: skip
 @click.option("--instability-tau-s", type=click.FloatRange(min=1.0), default=3600.0,
               help="Correlation time of slow drift.")  # fmt: skip
+@click.option("--axis-wobble", type=click.FloatRange(min=0.0, min_open=True),
+              help="Bound of the rig axis's movement, ″/√Hz; the angle's noise if not given.",
+              )  # fmt: skip
 @click.option("--t-ref-c", type=float, default=25.0, help="Reference temperature.")
 @click.option("--no-holdout", is_flag=True, help="Do not judge the last cycle by the others.")
 @click.option("--out", type=Path, help="RESULT.json to write.")
@@ -69,6 +72,7 @@ def calibrate(
     gyro_instability: float,
     accel_instability: float,
     instability_tau_s: float,
+    axis_wobble: float | None,
     t_ref_c: float,
     no_holdout: bool,
     out: Path | None,
@@ -95,6 +99,7 @@ def calibrate(
         gyro_instability=gyro_instability * DEG_PER_H,
         accel_instability=accel_instability,
         instability_tau_s=instability_tau_s,
+        wobble=None if axis_wobble is None else axis_wobble * ARCSEC,
         t_ref_c=t_ref_c,
         hold_out=not no_holdout,
     )

@@ -41,6 +41,7 @@ TESTS = {
     "no_slow_drift": "no slow drift",
     "within_bound": "what is only bounded is within its bound",
     "held_out": "the last cycle agrees with the others",
+    "prior": "the errors are no larger than expected beforehand",
 }
 
 
