@@ -1,8 +1,8 @@
 """A rig run by python-ins, an inertial simulator of others: its errors are found again.
 
-Its attitudes are roll, pitch, heading of body axes forward-right-down in north-east-down; a triad is
-a triad, so the same readings stand for our body axes, and north-east-down is turned to east-north-up
-only to place the rotation axis. It has the earth of WGS 84 and gravity of its own.
+Its attitudes are roll, pitch and heading of body axes forward-right-down in north-east-down; a
+triad is a triad, so the same readings stand for our body axes, and the azimuth of the rotation axis
+is the same in both. It has the earth of WGS 84 and gravity of its own.
 """
 
 import numpy as np
@@ -25,7 +25,8 @@ def angle_of(time_s: np.ndarray) -> np.ndarray:
     """Smoothly to +10 °/s, to −10 °/s in the middle: its spline is then exact to 1e-9 rad."""
     rate = np.deg2rad(10.0) * np.tanh((CYCLE_S / 2 - time_s) / 3.0) * np.tanh(time_s / 3.0)
     step = 1.0 / HZ
-    return np.concatenate([[0.0], np.cumsum(0.5 * step * (rate[1:] + rate[:-1]))])
+    # from 0.3 rad: three angles do not tell the attitude where the body's x is upright
+    return 0.3 + np.concatenate([[0.0], np.cumsum(0.5 * step * (rate[1:] + rate[:-1]))])
 
 
 def cycle_of(axis: int) -> tuple[np.ndarray, np.ndarray]:
