@@ -217,7 +217,7 @@ class SensorModel:
         slope = (errors[1:] - errors[0]).T
         slope[:, :3] /= TRIAL_RATE_RAD_S
         measured = np.hstack([motion.w, motion.f]) - errors[0]
-        true = np.linalg.solve(np.eye(6) + slope, measured.T).T
+        true = cast(FloatArray, np.linalg.solve(np.eye(6) + slope, measured.T)).T
         w, f = true[:, :3], true[:, 3:]
         return replace(motion, w=w, f=f, dw=rate_derivative(w, motion.step_s))
 

@@ -134,9 +134,10 @@ def _calibrated(
     files: tuple[Path, ...], mode: str, options: Options
 ) -> tuple[RigRun | NavRun, Judged]:
     if mode == NAVIGATION:
-        if len(files) > 1:
+        first, *more = files
+        if more:
             raise click.UsageError("--mode navigation takes one file")
-        nav = read_nav_run(files[0])
+        nav = read_nav_run(first)
         show_warnings_at_once()
         return nav, judge_navigation(nav, options, _tell)
     run = join_runs([read_rig_run(path) for path in files])
