@@ -144,7 +144,7 @@ class ErrorModel:
         for term in (t for t in self.terms if isinstance(t, Term)):
             block, after[term.name] = term.columns(record, values, before.get(term.name))
             columns[term.place].append(block)
-        blocks = {p: np.hstack([np.zeros((n, 0)), *found]) for p, found in columns.items()}
+        blocks = {p: _side_by_side(found, n) for p, found in columns.items()}
         return Design(base=record[self.base], scale=blocks["scale"], input=blocks["input"]), after
 
     def simulate(self, record: Record, values: Values) -> FloatArray:
@@ -225,3 +225,8 @@ class ErrorModel:
             gain[:, :, None] * d.reshape(m, plain.shape[1], -1) for d in (by_scale, by_input)
         ]
         return gain * plain, np.concatenate(pieces, axis=2)
+
+
+def _side_by_side(blocks: list[FloatArray], n: int) -> FloatArray:
+    """Return blocks of columns of n rows as one; a single block is not copied."""
+    return blocks[0] if len(blocks) == 1 else np.hstack([np.zeros((n, 0)), *blocks])

@@ -147,6 +147,7 @@ def calibrate(
     if mode == "precise":
         nominal = rig.with_platform(nominal)
     layout = rig.layout(angle=mode == "precise")
+    nominal = rig.thinned(interval_s).improved(nominal, layout)
     ended = rig.iterate(nominal, layout, gate, STEP_SIGMAS)
     return _result(rig, mode, ended, layout, north, run)
 

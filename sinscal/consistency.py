@@ -21,12 +21,12 @@ from scipy.stats import chi2
 
 from errormodel.arrays import FloatArray, IntArray
 from errormodel.filtering import Filtered
-from sinscal.holdout import HoldOut
+from sinscal.holdout import HoldOut, Shift
 
 FORCES = ("force_e", "force_n", "force_u")
 ALONG, ACROSS = "rig_angle", ("rig_axis_1", "rig_axis_2")
-# A calibration of right models fails each of its tests (NIS, whiteness, slow drift, hold-out) so
-# seldom; all together at most four times as often.
+# A calibration of right models fails each of its six tests (NIS, whiteness, slow drift, bound,
+# hold-out, prior) so seldom; all together at most six times as often.
 FALSE_ALARM = 1e-3
 LAGS = 20
 SLOW_INTERVALS = 50  # whose sum shows drift
@@ -79,6 +79,9 @@ class Consistency:
         Of the rows whose assumed noise is a bound (the rig's axis across itself; positions): at
         most the upper end of its interval when it is.
     held_out : HoldOut, optional
+    prior : Shift
+        Of the estimates from what was expected beforehand: errors larger than the prior allows
+        spoil NIS and the cycle held out as well.
     noise_known : bool
         False when the noise was taken from the same data: then NIS says nothing.
     converged : bool
@@ -88,6 +91,7 @@ class Consistency:
     channels: tuple[Channel, ...]
     bounded: Nis | None
     held_out: HoldOut | None
+    prior: Shift
     noise_known: bool
     converged: bool
 
@@ -109,13 +113,19 @@ class Consistency:
     @property
     def repeats(self) -> bool:
         """Whether the cycle held out agrees with the others."""
-        return self.held_out is None or self.held_out.p_value >= FALSE_ALARM
+        return self.held_out is None or self.held_out.shift.p_value >= FALSE_ALARM
+
+    @property
+    def expected(self) -> bool:
+        """Whether the errors are no larger than was expected beforehand."""
+        return self.prior.p_value >= FALSE_ALARM
 
     @property
     def passed(self) -> bool:
         """Whether everything is as it should be."""
         nis = self.nis.passed or not self.noise_known
-        return all((self.converged, nis, self.white, self.steady, self.within_bound, self.repeats))
+        inside = self.white and self.steady and self.within_bound
+        return self.converged and nis and inside and self.repeats and self.expected
 
     def _least(self, name: str) -> float:
         return min(float(getattr(c, name)) for c in self.channels)

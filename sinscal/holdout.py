@@ -20,6 +20,19 @@ SETTLE_S = 20.0  # at a cycle's beginning, in which its own attitude is found
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Shift:
+    """How far more data moved estimates: χ², its degrees of freedom, and how likely by chance."""
+
+    chi2: float
+    dof: int
+
+    @property
+    def p_value(self) -> float:
+        """Probability of a larger one."""
+        return float(chi2.sf(self.chi2, self.dof)) if self.dof else 1.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class HoldOut:
     """What a cycle says of the calibration by the others.
 
@@ -27,26 +40,23 @@ class HoldOut:
     ----------
     cycle : int
         Which was held out, from 0.
-    chi2, dof, p_value : float, int, float
-        Of the shift of the estimates when it is taken in: its covariance is the difference of the
-        two.
+    shift : Shift
+        Of the estimates when it is taken in.
     before_m_s2, after_m_s2 : float
         Rms of the force that the cycle's readings leave over gravity, with the prior's values and
         with those of the other cycles; its attitude is its own. None where forces are not read.
     """
 
     cycle: int
-    chi2: float
-    dof: int
-    p_value: float
+    shift: Shift
     before_m_s2: float | None = None
     after_m_s2: float | None = None
 
 
 def shift_test(
     values: FloatArray, cov: FloatArray, without: FloatArray, cov_without: FloatArray
-) -> tuple[float, int]:
-    """Return χ² and its degrees of freedom of the shift that more data brought.
+) -> Shift:
+    """Return the shift that more data brought; its covariance is the difference of the two.
 
     Parameters
     ----------
@@ -67,27 +77,7 @@ def shift_test(
     share, axes = np.linalg.eigh(np.eye(int(kept.sum())) - white.T @ after @ white)
     told = share > LEAST_SHARE
     moved = axes[:, told].T @ (white.T @ shift)
-    return float(np.sum(moved**2 / share[told])), int(told.sum())
-
-
-def hold_out(
-    cycle: int,
-    values: FloatArray,
-    cov: FloatArray,
-    without: FloatArray,
-    cov_without: FloatArray,
-    residuals_m_s2: tuple[float, float] | None = None,
-) -> HoldOut:
-    """Put the test of a shift and the residuals before and after together."""
-    found, dof = shift_test(values, cov, without, cov_without)
-    return HoldOut(
-        cycle=cycle,
-        chi2=found,
-        dof=dof,
-        p_value=float(chi2.sf(found, dof)) if dof else 1.0,
-        before_m_s2=residuals_m_s2[0] if residuals_m_s2 else None,
-        after_m_s2=residuals_m_s2[1] if residuals_m_s2 else None,
-    )
+    return Shift(chi2=float(np.sum(moved**2 / share[told])), dof=int(told.sum()))
 
 
 def force_residual(

@@ -17,7 +17,7 @@ from sinscal.consistency import (
     refused_of,
     rows_of_rig,
 )
-from sinscal.holdout import HoldOut, force_residual, hold_out
+from sinscal.holdout import HoldOut, force_residual, shift_test
 from sinscal.navigation import NavCalibration, calibrate_navigation
 from sinscal.noise_estimate import NoiseFound, noise_of_run, refined
 from sinscal.observability import Observability, observability
@@ -47,6 +47,9 @@ class Options:
     interval_s, gate : float
     gyro_instability, accel_instability, instability_tau_s : float
         Slow drift that the filter allows for: rad/s, m/s², s.
+    wobble : float, optional
+        Bound of the movement of the rig's axis across itself, rad/√Hz; that of the angle's noise
+        if not given.
     t_ref_c : float
     hold_out : bool
         Whether the last cycle is judged by the others.
@@ -60,6 +63,7 @@ class Options:
     gyro_instability: float = 0.0
     accel_instability: float = 0.0
     instability_tau_s: float = 3600.0
+    wobble: float | None = None
     t_ref_c: float = T_REF_C
     hold_out: bool = True
 
@@ -104,7 +108,7 @@ def calibrate_and_judge(run: RigRun, options: Options, tell: Tell = lambda _: No
     sensors = model_for(run, options)
     prior = make_prior(sensors, options.priors)
     noise = noise_of_run(run, angle=options.mode == "precise" and run.rig_angle_rad is not None)
-    noise = _with_drift(noise, options)
+    noise = _as_asked(noise, options)
     tell(f"calibrating: {len(sensors.names)} unknowns, {len(run.cycles)} cycle(s)")
 
     def once(part: RigRun, known: NoiseFound) -> RigCalibration:
@@ -156,7 +160,8 @@ def judge_navigation(run: NavRun, options: Options, tell: Tell = lambda _: None)
         tell("without the last cycle")
         part = run.take_cycles(range(last))
         others = calibrate_navigation(part, sensors=sensors, prior=prior, noise=found.noise)
-        held = hold_out(last, found.values, found.cov, others.values, others.cov)
+        shift = shift_test(found.values, found.cov, others.values, others.cov)
+        held = HoldOut(cycle=last, shift=shift)
     return judge(found, [0] * len(run.cycles), held)
 
 
@@ -184,14 +189,15 @@ def model_for(run: RigRun | NavRun, options: Options) -> SensorModel:
         raise InputError("the groups", "", str(err.args[0])) from None
 
 
-def _with_drift(noise: NoiseFound, options: Options) -> NoiseFound:
-    drifting = replace(
+def _as_asked(noise: NoiseFound, options: Options) -> NoiseFound:
+    asked = replace(
         noise.noise,
+        wobble=options.wobble,
         gyro_instability=options.gyro_instability,
         accel_instability=options.accel_instability,
         instability_tau_s=options.instability_tau_s,
     )
-    return replace(noise, noise=drifting)
+    return replace(noise, noise=asked)
 
 
 def _held_out(
@@ -208,8 +214,12 @@ def _held_out(
     def residual(values: FloatArray) -> float:
         return force_residual(alone, found.sensors, values, found.noise, interval_s)
 
-    residuals = residual(found.prior.values), residual(others.values[:p])
-    return hold_out(last, found.values, found.cov, others.values, others.cov, residuals)
+    return HoldOut(
+        cycle=last,
+        shift=shift_test(found.values, found.cov, others.values, others.cov),
+        before_m_s2=residual(found.prior.values),
+        after_m_s2=residual(others.values[:p]),
+    )
 
 
 def judge(
@@ -238,6 +248,7 @@ def judge(
     else:
         rows = rows_of_navigation(found)
         states, converged = found.states, True
+    p = len(found.sensors.names)
     nis, channels, bounded = judge_innovations(
         normalised_rows(found.filtered), found.cycle_of_step, rows
     )
@@ -246,6 +257,7 @@ def judge(
         channels=channels,
         bounded=bounded,
         held_out=held,
+        prior=shift_test(found.values[:p], found.cov[:p, :p], found.prior.values, found.prior.cov),
         noise_known=noise_known,
         converged=converged,
     )
@@ -280,6 +292,21 @@ def _contradictions(found: Calibration, consistency: Consistency) -> list[str]:
         out.append(
             "coloured_innovations: the innovations are not white: the sensors drift slowly or the "
             "model lacks something, and the sigmas are too small; " + _advice(found)
+        )
+    if not consistency.repeats and consistency.held_out is not None:
+        out.append(
+            f"cycle_contradiction: cycle {consistency.held_out.cycle + 1} does not agree with the "
+            f"others; where nothing else is wrong the sensors drift: {_advice(found)}"
+        )
+    if not consistency.within_bound:
+        out.append(
+            "axis_moves: across itself the rig's axis moves more than assumed; see --axis-wobble"
+        )
+    if not consistency.expected:
+        out.append(
+            f"prior_contradiction: the errors are larger than expected beforehand, χ² "
+            f"{consistency.prior.chi2:.0f} with {consistency.prior.dof} degrees of freedom; where "
+            "that is no fault, --priors takes wider ones"
         )
     out += prior_contradictions(found.names, found.values, found.sensors, found.prior)
     if not consistency.converged:

@@ -75,27 +75,27 @@ def observability(names: Sequence[str], cov: FloatArray, prior_sigmas: FloatArra
     prior_sigmas : ndarray, shape (p,)
         Unknowns of prior sigma 0 were not estimated and are left out.
     """
-    free = np.flatnonzero(prior_sigmas > 0.0)
-    names = [names[i] for i in free]
+    free: list[int] = np.flatnonzero(prior_sigmas > 0.0).tolist()
+    kept = [names[i] for i in free]
     relative = cov[np.ix_(free, free)] / np.outer(prior_sigmas[free], prior_sigmas[free])
     left = np.linalg.eigvalsh(relative)
     ratio = np.sqrt(np.diag(relative))
-    seen = np.flatnonzero(ratio <= NOT_OBSERVED)
+    seen: list[int] = np.flatnonzero(ratio <= NOT_OBSERVED).tolist()
     return Observability(
         singular_values=np.sqrt(np.maximum(1.0 / np.maximum(left, 1e-300) - 1.0, 0.0)),
-        sigma_ratio=dict(zip(names, ratio.tolist(), strict=True)),
-        not_observed=tuple(n for n, r in zip(names, ratio, strict=True) if r > NOT_OBSERVED),
-        combinations=_combinations([names[i] for i in seen], relative[np.ix_(seen, seen)]),
-        correlated=_correlated(names, relative),
+        sigma_ratio=dict(zip(kept, ratio.tolist(), strict=True)),
+        not_observed=tuple(n for n, r in zip(kept, ratio, strict=True) if r > NOT_OBSERVED),
+        combinations=_combinations([kept[i] for i in seen], relative[np.ix_(seen, seen)]),
+        correlated=_correlated(kept, relative),
     )
 
 
 def _combinations(names: Sequence[str], relative: FloatArray) -> tuple[Mapping[str, float], ...]:
     left, axes = np.linalg.eigh(relative)
     out: list[Mapping[str, float]] = []
-    for k in np.flatnonzero(left > NOT_OBSERVED**2):
+    for k in np.flatnonzero(left > NOT_OBSERVED**2).tolist():
         axis = axes[:, k] * np.sign(axes[np.argmax(np.abs(axes[:, k])), k])
-        order = np.argsort(-np.abs(axis))
+        order: list[int] = np.argsort(-np.abs(axis)).tolist()
         out.append({names[i]: float(axis[i]) for i in order if abs(axis[i]) >= NAMED})
     return tuple(out)
 
@@ -105,7 +105,7 @@ def _correlated(names: Sequence[str], relative: FloatArray) -> tuple[Pair, ...]:
     correlation = relative / np.outer(sigma, sigma)
     pairs = [
         Pair(names=(names[i], names[j]), correlation=float(correlation[i, j]))
-        for i, j in zip(*np.triu_indices(len(names), 1), strict=True)
+        for i, j in np.argwhere(np.triu(np.ones_like(relative), 1) > 0).tolist()
         if abs(correlation[i, j]) > CORRELATED
     ]
     return tuple(sorted(pairs, key=lambda p: -abs(p.correlation)))

@@ -43,7 +43,10 @@ Density = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
 
 class RigSidecar(BaseModel):
-    """What stands beside a recorded rig run: the site, and what is known of rig and sensors."""
+    """What stands beside a recorded rig run: the site, and what is known of rig and sensors.
+
+    `compensated_with` names the calibration that has been taken out of the readings.
+    """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -55,6 +58,7 @@ class RigSidecar(BaseModel):
     gyro_noise_deg_h_rthz: Density | None = None
     accel_noise_m_s2_rthz: Density | None = None
     angle_noise_arcsec_rthz: Density | None = None
+    compensated_with: str | None = None
 
     @property
     def facts(self) -> RigFacts:
@@ -130,7 +134,24 @@ def read_nav_run(path: Path | str) -> NavRun:
     return run
 
 
-def write_rig_run(run: RigRun, path: Path | str, *, increments: bool = False) -> None:
+def compensated_with(path: Path | str) -> str | None:
+    """Return which calibration a recorded rig run is compensated with.
+
+    Raises
+    ------
+    InputError
+        If its sidecar cannot be read.
+    """
+    return read_toml(sidecar_path(Path(path)), RigSidecar).compensated_with
+
+
+def write_rig_run(
+    run: RigRun,
+    path: Path | str,
+    *,
+    increments: bool = False,
+    compensated_with: str | None = None,
+) -> None:
     """Write a rig run to CSV or Parquet, by the path's suffix, and its sidecar NAME.toml.
 
     Numbers come back bit for bit but for units: degrees of the sidecar, and increments, are
@@ -142,6 +163,8 @@ def write_rig_run(run: RigRun, path: Path | str, *, increments: bool = False) ->
     path : path
     increments : bool
         Write dtheta_* and dv_* (integrals over the step) in place of mean rates and forces.
+    compensated_with : str, optional
+        The calibration that has been taken out of the readings, for the sidecar.
 
     Raises
     ------
@@ -159,7 +182,8 @@ def write_rig_run(run: RigRun, path: Path | str, *, increments: bool = False) ->
         table["rig_angle_rad"] = run.rig_angle_rad
     if np.any(run.flag):
         table["flag"] = np.asarray(run.flag)
-    _write(table, run.facts, Path(path))
+    more = f'compensated_with = "{compensated_with}"\n' if compensated_with else ""
+    _write(table, run.facts, Path(path), more)
 
 
 def write_nav_run(run: NavRun, path: Path | str) -> None:
@@ -214,11 +238,11 @@ def _temperatures(temp_c: FloatArray | None) -> dict[str, FloatArray]:
     return _columns("temp_{}_c", temp_c)
 
 
-def _write(table: dict[str, FloatArray], facts: RigFacts, path: Path) -> None:
+def _write(table: dict[str, FloatArray], facts: RigFacts, path: Path, more: str = "") -> None:
     frame = pd.DataFrame(table)
     whole = [name for name in ("cycle", "flag") if name in frame.columns]
     frame[whole] = frame[whole].astype(np.int64)
-    write_with_sidecar(frame, _sidecar_text(facts), path)
+    write_with_sidecar(frame, _sidecar_text(facts) + more, path)
 
 
 def _sidecar_text(facts: RigFacts) -> str:

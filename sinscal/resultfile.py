@@ -17,6 +17,7 @@ from errormodel.errors import InputError
 from errormodel.files import check, read_text
 from sinscal.calibrate import RigCalibration
 from sinscal.consistency import Consistency, Nis
+from sinscal.holdout import Shift
 from sinscal.judged import Calibration, Judged
 from sinscal.observability import GAUGE, Observability
 from sinscal.priors import group_of
@@ -239,6 +240,7 @@ def _noise(found: Calibration) -> dict[str, float | None]:
         return {
             **common,
             "angle_rad_rthz": noise.angle or None,
+            "axis_wobble_rad_rthz": noise.wobble,
             "gyro_instability_rad_s": noise.gyro_instability,
             "accel_instability_m_s2": noise.accel_instability,
             "instability_tau_s": noise.instability_tau_s,
@@ -259,6 +261,10 @@ def _nis(nis: Nis) -> dict[str, Any]:
     return {"nis_mean": nis.mean, "nis_interval": list(nis.interval), "n": nis.n}
 
 
+def _shift(shift: Shift) -> dict[str, Any]:
+    return {"shift_chi2": shift.chi2, "dof": shift.dof, "p_value": shift.p_value}
+
+
 def consistency_document(c: Consistency) -> dict[str, Any]:
     """Return a judgement as the result file holds it."""
     held = c.held_out
@@ -272,19 +278,19 @@ def consistency_document(c: Consistency) -> dict[str, Any]:
             "no_slow_drift": c.steady,
             "within_bound": c.within_bound if c.bounded else None,
             "held_out": c.repeats if held else None,
+            "prior": c.expected,
         },
         "channels": {
             one.name: {**_nis(one.nis), "white_p": one.white_p, "slow_drift_p": one.slow_p}
             for one in c.channels
         },
         "bounded": _nis(c.bounded) if c.bounded else None,
+        "prior": _shift(c.prior),
         "held_out": None
         if held is None
         else {
             "cycle": held.cycle + 1,
-            "shift_chi2": held.chi2,
-            "dof": held.dof,
-            "p_value": held.p_value,
+            **_shift(held.shift),
             "force_residual_before_m_s2": held.before_m_s2,
             "force_residual_after_m_s2": held.after_m_s2,
         },

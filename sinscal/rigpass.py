@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from errormodel.arrays import FloatArray
-from errormodel.filtering import Filtered, Steps, run_filter
+from errormodel.filtering import NO_GATE, Filtered, Steps, run_filter
 from errormodel.kalman import State, initial_state
 from sinscal.alignment import azimuth_of, find_north, level_nominal, mean_axis
 from sinscal.attitude import rotation, rotvec_of
@@ -75,11 +75,20 @@ class RigFilter:
         """
         site = self.facts.site
         layout = self.layout(wander=True)
-        rough = replace(self, cycles=[c.thinned(interval_s) for c in self.cycles])
+        rough = self.thinned(interval_s)
         nominal = level_nominal(rough.cycles, self.sensors, self.prior.values, site)
-        ended = rough.iterate(nominal, layout, np.inf, ROUGHLY_SIGMAS)
+        ended = rough.iterate(nominal, layout, NO_GATE, ROUGHLY_SIGMAS)
         north = find_north(ended.nominal, ended.filtered.state.cov, layout, site)
         return north.nominal, north.sigma_rad
+
+    def thinned(self, interval_s: float) -> "RigFilter":
+        """Return the filter on the data at a lower rate, for a nominal to begin with."""
+        return replace(self, cycles=[c.thinned(interval_s) for c in self.cycles])
+
+    def improved(self, nominal: Nominal, layout: RigLayout) -> Nominal:
+        """Return a nominal iterated until nothing moves by much; nothing is refused."""
+        ended = self.iterate(nominal, layout, NO_GATE, ROUGHLY_SIGMAS)
+        return ended.nominal.improved(ended.filtered.state.x, layout)
 
     def with_platform(self, nominal: Nominal) -> Nominal:
         """Return the nominal with the platform's attitude at angle zero, from the first minute."""

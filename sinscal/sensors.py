@@ -24,8 +24,9 @@ from sinscal.terms import ANGLE, BASIC, CHANNELS, TIME_OFFSET, ChannelId, Maker,
 T_REF_C = 25.0
 # A chamber's terms see temperature smoothed as in the chamber; a rig's temperature is smooth.
 RATE_WINDOW_S = 120.0
-# The inverse is a contraction by the size of the errors, some 1e-3: five steps leave 1e-15.
-INVERSE_STEPS = 5
+# What is not linear is 1e-3 of the motion at most: each step of the inverse leaves less of it.
+INVERSE_STEPS = 6
+LEFT_WEIGHTS = np.array([100.0, 100.0, 100.0, 1.0, 1.0, 1.0])  # rates are to be had a digit better
 # Slow enough that what goes with the square of the rate is nothing beside what goes with the rate.
 TRIAL_RATE_RAD_S = 1e-3
 
@@ -146,17 +147,19 @@ class SensorModel:
         return motion.w + errors[:, :3], motion.f + errors[:, 3:]
 
     def corrected(self, motion: Motion, values: FloatArray) -> Motion:
-        """Return the true motion behind measured rates and forces: the inverse of `measured`."""
-        true = self._linear_inverse(motion, values)
+        """Return the true motion behind measured rates and forces: the inverse of `measured`.
+
+        Newton's steps with the slope at rest: what is linear, most of all errors, takes one.
+        """
+        inverse, offset = self._at_rest(motion, values)
+        measured = np.hstack([motion.w, motion.f])
+        true = _moved_to(motion, (measured - offset) @ inverse.T)
         for _ in range(INVERSE_STEPS):
-            errors = self.errors(true, values)
-            w, f = motion.w - errors[:, :3], motion.f - errors[:, 3:]
-            change = max(float(np.max(np.abs(f - true.f), initial=0.0)), 1e2 * float(
-                np.max(np.abs(w - true.w), initial=0.0)
-            ))  # fmt: skip
-            true = replace(true, w=w, f=f, dw=rate_derivative(w, motion.step_s))
-            if change < 1e-12:
+            now = np.hstack([true.w, true.f])
+            left = measured - now - self.errors(true, values)
+            if float(np.max(np.abs(left) * LEFT_WEIGHTS, initial=0.0)) < 1e-12:
                 break
+            true = _moved_to(motion, now + left @ inverse.T)
         return true
 
     def columns(self, motion: Motion, values: FloatArray) -> FloatArray:
@@ -197,27 +200,27 @@ class SensorModel:
         mine = dict(zip(model.names, values[self.places[6]].tolist(), strict=True))
         return model.simulate(_angle_record(angle, turn), mine) - angle
 
-    def _linear_inverse(self, motion: Motion, values: FloatArray) -> Motion:
-        """Return the true motion as far as the errors are linear in it, by seven trial motions.
+    def _at_rest(self, motion: Motion, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the inverse of measured by true, (6, 6), and the errors without any motion, (6,).
 
-        What is linear (most of all errors) needs no further step of the inverse.
+        By seven trial motions, so small that only what is linear shows.
         """
         trial_w, trial_f = np.zeros((7, 3)), np.zeros((7, 3))
         trial_w[1:4] = TRIAL_RATE_RAD_S * np.eye(3)
         trial_f[4:] = np.eye(3)
         temp_c = None if motion.temp_c is None else np.tile(motion.temp_c[:1], (7, 1))
-        time_s = np.arange(1.0, 8.0)
         trial = Motion(
-            time_s=time_s, step_s=np.ones(7), w=trial_w, f=trial_f, dw=np.zeros((7, 3)),
+            time_s=np.arange(1.0, 8.0),
+            step_s=np.ones(7),
+            w=trial_w,
+            f=trial_f,
+            dw=np.zeros((7, 3)),
             temp_c=temp_c,
-        )  # fmt: skip
+        )
         errors = self.errors(trial, values)
         slope = (errors[1:] - errors[0]).T
         slope[:, :3] /= TRIAL_RATE_RAD_S
-        measured = np.hstack([motion.w, motion.f]) - errors[0]
-        true = np.linalg.solve(np.eye(6) + slope, measured.T).T
-        w, f = true[:, :3], true[:, 3:]
-        return replace(motion, w=w, f=f, dw=rate_derivative(w, motion.step_s))
+        return np.linalg.inv(np.eye(6) + slope), errors[0]
 
     def _records(self, motion: Motion) -> Iterator[tuple[Channel, Record]]:
         """Yield the six sensors' channels, each with what acts on it."""
@@ -243,6 +246,12 @@ class SensorModel:
             own["x_c"] = own["x_slow_c"] = x
             own["rate_c_per_min"] = _slope(motion.time_s, x) * 60.0
         return own
+
+
+def _moved_to(motion: Motion, wf: FloatArray) -> Motion:
+    """Return a motion with other rates and forces, shape (n, 6)."""
+    w = wf[:, :3]
+    return replace(motion, w=w, f=wf[:, 3:], dw=rate_derivative(w, motion.step_s))
 
 
 def ends_of(values: FloatArray, at_start: NDArray[np.bool_]) -> FloatArray:

@@ -1,0 +1,95 @@
+"""A rig run by python-ins, an inertial simulator of others: its errors are found again.
+
+Its attitudes are roll, pitch and heading of body axes forward-right-down in north-east-down; a
+triad is a triad, so the same readings stand for our body axes, and the azimuth of the rotation axis
+is the same in both. It has the earth of WGS 84 and gravity of its own.
+"""
+
+import numpy as np
+from pyins import sim
+from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
+
+from sinscal.calibrate import RigCalibration
+from sinscal.earth import DEG_PER_H, Site
+from sinscal.judged import Options, calibrate_and_judge
+from sinscal.priors import make_prior
+from sinscal.run import RigFacts, RigRun
+from sinscal.sensors import sensor_model
+
+LAT_DEG, HZ, CYCLE_S = 55.75, 50.0, 300.0
+GYRO_NOISE, ACCEL_NOISE = 0.1 * DEG_PER_H, 1e-3
+
+
+def angle_of(time_s: np.ndarray) -> np.ndarray:
+    """Smoothly to +10 °/s, to −10 °/s in the middle: its spline is then exact to 1e-9 rad."""
+    rate = np.deg2rad(10.0) * np.tanh((CYCLE_S / 2 - time_s) / 3.0) * np.tanh(time_s / 3.0)
+    step = 1.0 / HZ
+    # from 0.3 rad: three angles do not tell the attitude where the body's x is upright
+    return 0.3 + np.concatenate([[0.0], np.cumsum(0.5 * step * (rate[1:] + rate[:-1]))])
+
+
+def cycle_of(axis: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return increments of angle and velocity of ideal sensors turned about a body axis."""
+    time_s = np.arange(round(CYCLE_S * HZ) + 1) / HZ
+    azimuth = np.deg2rad(35.0)
+    along = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])  # north-east-down
+    level = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
+    zero = np.empty((3, 3))
+    zero[:, axis], zero[:, (axis + 1) % 3] = along, level
+    zero[:, (axis + 2) % 3] = np.cross(along, level)
+    turned = Rotation.from_matrix(zero) * Rotation.from_rotvec(
+        angle_of(time_s)[:, None] * np.eye(3)[axis]
+    )
+    heading_pitch_roll = turned.as_euler("ZYX", degrees=True)
+    still = np.tile([LAT_DEG, 37.0, 0.0], (time_s.size, 1))
+    _, imu = sim.generate_imu(
+        time_s, still, heading_pitch_roll[:, ::-1], np.zeros((time_s.size, 3)), "increment"
+    )
+    readings = imu.to_numpy()[1:]
+    return readings[:, :3], readings[:, 3:]
+
+
+def test_coarse_calibration_finds_the_errors_put_into_python_ins() -> None:
+    rng = np.random.default_rng(7)
+    sensors = sensor_model()
+    sigma = np.sqrt(np.diag(make_prior(sensors).cov))
+    truth = dict(zip(sensors.names, sigma * rng.standard_normal(sigma.size), strict=True))
+    theta, gamma = np.eye(3), np.eye(3)
+    for i, a in enumerate("xyz"):
+        theta[i, i] += truth[f"gyro_scale_{a}"]
+        gamma[i, i] += truth[f"accel_scale_{a}"]
+        for j, b in enumerate("xyz"):
+            theta[i, j] += truth.get(f"gyro_misalignment_{a}{b}", 0.0)
+            gamma[i, j] += truth.get(f"accel_misalignment_{a}{b}", 0.0)
+    drift = np.array([truth[f"gyro_bias_{a}"] for a in "xyz"])
+    bias = np.array([truth[f"accel_bias_{a}"] for a in "xyz"])
+    gyro, accel = [], []
+    for axis in range(3):
+        dtheta, dv = cycle_of(axis)
+        w, f = HZ * dtheta @ theta.T + drift, HZ * dv @ gamma.T + bias
+        gyro.append(w + GYRO_NOISE * np.sqrt(HZ) * rng.standard_normal(w.shape))
+        accel.append(f + ACCEL_NOISE * np.sqrt(HZ) * rng.standard_normal(f.shape))
+    n = len(gyro[0])
+    run = RigRun(
+        time_s=np.tile(np.arange(1, n + 1) / HZ, 3),
+        step_s=np.full(3 * n, 1.0 / HZ),
+        cycle=np.repeat(np.arange(3), n),
+        gyro=np.concatenate(gyro),
+        accel=np.concatenate(accel),
+        facts=RigFacts(
+            site=Site(lat_rad=np.deg2rad(LAT_DEG)),
+            axis_of_cycle=("x", "y", "z"),
+            gyro_noise=GYRO_NOISE,
+            accel_noise=ACCEL_NOISE,
+        ),
+    )
+    judged = calibrate_and_judge(run, Options())
+    found = judged.found
+    assert isinstance(found, RigCalibration)
+    errors = (found.values - np.array([truth[k] for k in found.names])) / found.sigmas
+    correlation = found.cov / np.outer(found.sigmas, found.sigmas)
+    assert errors @ np.linalg.solve(correlation, errors) < chi2.isf(0.001, errors.size)
+    apart = (found.north_azimuth_rad - np.deg2rad(35.0)) / found.north_sigma_rad
+    assert np.abs(apart).max() < 4.0
+    assert judged.passed, judged.warnings

@@ -1,0 +1,87 @@
+"""Contradictions between a calibration and what the sidecar says are told by name."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from errormodel.errors import InputError
+from sinscal.earth import Site
+from sinscal.judged import Options, calibrate_and_judge
+from sinscal.run_join import join_runs
+from tests.sinscal.twin import make_twin
+
+QUICK = Options(hold_out=False)
+
+
+def names_of(warnings: tuple[str, ...]) -> set[str]:
+    return {w.partition(":")[0] for w in warnings}
+
+
+def test_a_right_run_passes_without_a_warning() -> None:
+    judged = calibrate_and_judge(make_twin(1).run, Options())
+    assert judged.passed
+    assert judged.warnings == ()
+    held = judged.consistency.held_out
+    assert held is not None
+    assert held.after_m_s2 < held.before_m_s2
+
+
+def test_a_wrong_azimuth_is_named_and_not_used() -> None:
+    twin = make_twin(1)
+    wrong = replace(twin.run.facts, azimuth_rad=np.deg2rad(35.0 + 90.0))
+    judged = calibrate_and_judge(replace(twin.run, facts=wrong), QUICK)
+    assert "azimuth_contradiction" in names_of(judged.warnings)
+    assert twin.chi2(judged) < chi2.isf(0.001, 21)
+
+
+def test_an_azimuth_without_the_axis_it_belongs_to_is_not_used() -> None:
+    twin = make_twin(1)
+    facts = replace(twin.run.facts, axis_of_cycle=None)
+    judged = calibrate_and_judge(replace(twin.run, facts=facts), QUICK)
+    assert "azimuth_not_used" in names_of(judged.warnings)
+    assert twin.chi2(judged) < chi2.isf(0.001, 21)
+
+
+@pytest.mark.parametrize("factor", [3.0, 1 / 3.0])
+def test_noise_that_is_not_as_stated_is_named(factor: float) -> None:
+    run = make_twin(1).run
+    assert run.facts.accel_noise is not None
+    facts = replace(run.facts, accel_noise=factor * run.facts.accel_noise)
+    judged = calibrate_and_judge(replace(run, facts=facts), QUICK)
+    assert "noise_contradiction" in names_of(judged.warnings)
+    assert not judged.passed
+
+
+def test_a_latitude_that_is_not_the_rig_s_does_not_pass_unseen() -> None:
+    run = make_twin(1, cycle_s=400.0).run
+    facts = replace(run.facts, site=Site(lat_rad=np.deg2rad(10.0), height_m=150.0))
+    judged = calibrate_and_judge(replace(run, facts=facts), QUICK)
+    assert not judged.passed
+
+
+def test_gyros_that_do_not_feel_the_earth_find_no_north() -> None:
+    run = make_twin(1, cycle_s=40.0).run
+    facts = replace(run.facts, gyro_noise=1e-4, azimuth_rad=None)
+    noisy = run.gyro + 1e-4 * np.sqrt(50.0) * np.random.default_rng(0).standard_normal(
+        run.gyro.shape
+    )
+    with pytest.raises(InputError, match="find north only to"):
+        calibrate_and_judge(replace(run, gyro=noisy, facts=facts), QUICK)
+
+
+def test_temperatures_are_needed_by_what_depends_on_them() -> None:
+    with pytest.raises(InputError, match="temp_c"):
+        calibrate_and_judge(make_twin(1).run, Options(groups=("accel_temperature_bias",)))
+
+
+def test_runs_joined_are_worth_what_one_run_is() -> None:
+    whole = make_twin(1).run
+    parts = [whole.take_cycles([0]), whole.take_cycles([1, 2])]
+    joined = join_runs(parts)
+    assert joined.facts == whole.facts
+    np.testing.assert_array_equal(joined.gyro, whole.gyro)
+    np.testing.assert_array_equal(joined.cycle, whole.cycle)
+    with pytest.raises(InputError, match="differs"):
+        join_runs([parts[0], replace(parts[1], facts=replace(whole.facts, accel_noise=2e-3))])

@@ -1,0 +1,191 @@
+"""`accelbench rig calibrate` and `rig compensate`: a SINS's errors found, and taken out."""
+
+from pathlib import Path
+
+import click
+
+from errormodel.atomic import write_files
+from errormodel.errors import InputError
+from sinscal.earth import ARCSEC, DEG_PER_H
+from sinscal.judged import Judged, Options, calibrate_and_judge, judge_navigation
+from sinscal.priors import read_priors
+from sinscal.recording import compensated_with, read_nav_run, read_rig_run, write_rig_run
+from sinscal.resultfile import RigResult, dump_result, make_result, read_result
+from sinscal.rig_compensation import compensate_run
+from sinscal.run import NavRun, RigRun
+from sinscal.run_join import join_runs
+from sinscal.terms import GROUPS
+from workbench.console import emit, show_warnings_at_once
+from workbench.outputs import (
+    REPORT_NAME,
+    check_report_folder,
+    checked_output,
+    checked_run_output,
+    force_option,
+    json_option,
+    with_sidecars,
+)
+from workbench.rig_calibrate_output import calibration_document, calibration_text
+
+FAILED = 1
+NAVIGATION = "navigation"
+
+
+@click.command()
+@click.argument("files", nargs=-1, required=True, type=Path, metavar="DATA.csv…")
+@click.option(
+    "--mode",
+    type=click.Choice(["coarse", "precise", NAVIGATION]),
+    default="coarse",
+    help="Raw sensors; raw sensors and the rig's angle; navigation outputs.",
+)
+@click.option(
+    "--groups", multiple=True, metavar="NAME", help="Also estimate, e.g. lever_arm; repeatable."
+)
+@click.option("--priors", type=Path, help="PRIORS.toml: other sigmas and means beforehand.")
+@click.option("--interval-s", type=click.FloatRange(0.05, 60.0), default=1.0,
+              help="Between two measurements of the filter.")  # fmt: skip
+@click.option("--gate", type=click.FloatRange(3.0, 100.0), default=7.0,
+              help="Sigmas beyond which a measurement is refused.")  # fmt: skip
+@click.option("--gyro-instability", type=click.FloatRange(min=0.0), default=0.0,
+              help="Sigma of the gyros' slow drift, °/h.")  # fmt: skip
+@click.option("--accel-instability", type=click.FloatRange(min=0.0), default=0.0,
+              help="Sigma of the accelerometers' slow drift, m/s².")  # fmt: skip
+@click.option("--instability-tau-s", type=click.FloatRange(min=1.0), default=3600.0,
+              help="Correlation time of slow drift.")  # fmt: skip
+@click.option("--axis-wobble", type=click.FloatRange(min=0.0, min_open=True),
+              help="Bound of the rig axis's movement, ″/√Hz; the angle's noise if not given.",
+              )  # fmt: skip
+@click.option("--t-ref-c", type=float, default=25.0, help="Reference temperature.")
+@click.option("--no-holdout", is_flag=True, help="Do not judge the last cycle by the others.")
+@click.option("--out", type=Path, help="RESULT.json to write.")
+@click.option("--report", type=Path, help="Folder for the report and its figures.")
+@force_option
+@json_option
+def calibrate(
+    files: tuple[Path, ...],
+    mode: str,
+    groups: tuple[str, ...],
+    priors: Path | None,
+    interval_s: float,
+    gate: float,
+    gyro_instability: float,
+    accel_instability: float,
+    instability_tau_s: float,
+    axis_wobble: float | None,
+    t_ref_c: float,
+    no_holdout: bool,
+    out: Path | None,
+    report: Path | None,
+    force: bool,
+    as_json: bool,
+) -> int:
+    """Calibrate a SINS from a run on a rig, and judge the result.
+
+    Several files are cycles of one SINS that follow one another. Exit code 1 when the result is
+    not consistent. In Python: sinscal.judged.calibrate_and_judge.
+    """
+    inputs = [*with_sidecars(files), *([priors] if priors else [])]
+    if out is not None:
+        checked_output(out, inputs, force=force)
+    if report is not None:
+        check_report_folder(report, force=force)
+    options = Options(
+        mode="precise" if mode == "precise" else "coarse",
+        groups=_groups(groups),
+        priors=read_priors(priors) if priors else None,
+        interval_s=interval_s,
+        gate=gate,
+        gyro_instability=gyro_instability * DEG_PER_H,
+        accel_instability=accel_instability,
+        instability_tau_s=instability_tau_s,
+        wobble=None if axis_wobble is None else axis_wobble * ARCSEC,
+        t_ref_c=t_ref_c,
+        hold_out=not no_holdout,
+    )
+    run, judged = _calibrated(files, mode, options)
+    result = make_result(judged, run)
+    document, text = calibration_document(result), list(calibration_text(result))
+    written: list[tuple[Path, bytes]] = []
+    if out is not None:
+        written.append((out, dump_result(result).encode()))
+        document["out"] = str(out)
+        text.append(f"result file: {out}")
+    if report is not None:
+        written += _report_files(judged, run, result, report)
+        document["report"] = str(report / REPORT_NAME)
+        text.append(f"report: {report / REPORT_NAME}")
+    write_files(written)
+    emit(document, text, as_json=as_json)
+    return 0 if judged.passed else FAILED
+
+
+def _groups(asked: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the groups asked for; a comma separates as well."""
+    names = tuple(n.strip() for one in asked for n in one.split(",") if n.strip())
+    for name in names:
+        if name not in GROUPS:
+            known = ", ".join(GROUPS)
+            raise click.UsageError(f"--groups {name}: expected one of {known}")
+    return names
+
+
+def _calibrated(
+    files: tuple[Path, ...], mode: str, options: Options
+) -> tuple[RigRun | NavRun, Judged]:
+    if mode == NAVIGATION:
+        first, *more = files
+        if more:
+            raise click.UsageError("--mode navigation takes one file")
+        nav = read_nav_run(first)
+        show_warnings_at_once()
+        return nav, judge_navigation(nav, options, _tell)
+    run = join_runs([read_rig_run(path) for path in files])
+    show_warnings_at_once()
+    return run, calibrate_and_judge(run, options, _tell)
+
+
+def _tell(text: str) -> None:
+    click.echo(text, err=True)
+
+
+def _report_files(
+    judged: Judged, run: RigRun | NavRun, result: RigResult, folder: Path
+) -> list[tuple[Path, bytes]]:
+    from workbench.rig_calibrate_report import render_calibration  # matplotlib takes its second
+
+    pages = render_calibration(judged, run, result)
+    return [(folder / name, content) for name, content in pages.items()]
+
+
+@click.command()
+@click.argument("file", type=Path, metavar="DATA.csv")
+@click.option("--calibration", type=Path, required=True, help="RESULT.json of rig calibrate.")
+@click.option("--out", type=Path, required=True, help="The compensated run to write.")
+@force_option
+@json_option
+def compensate(file: Path, calibration: Path, out: Path, force: bool, as_json: bool) -> None:
+    """Take the calibrated errors out of a rig run's readings.
+
+    Flags, times and the rig's angle stay as they are. A run that is compensated already is
+    refused. In Python: sinscal.rig_compensation.compensate_run.
+    """
+    checked_run_output(out, [*with_sidecars([file]), calibration], force=force)
+    result = read_result(calibration)
+    if not result.converged:
+        raise InputError(calibration, "converged", "false: these values are not to be used")
+    run = read_rig_run(file, physics=False)
+    if (before := compensated_with(file)) is not None:
+        raise InputError(file, "", f"is compensated already, with {before}")
+    done = compensate_run(run, result.sensors, result.values)
+    write_rig_run(done, out, compensated_with=result.result_id)
+    flagged = int((~(done.flag == 0)).sum()) if done.flag is not None else 0
+    document = {
+        "out": str(out),
+        "calibration": result.result_id,
+        "rows": len(done),
+        "flagged": flagged,
+        "warnings": list(done.warnings),
+    }
+    text = f"{out}: {len(done)} rows compensated with {result.result_id}, {flagged} of them flagged"
+    emit(document, [text], as_json=as_json)

@@ -1,0 +1,169 @@
+"""A rig calibration told: as the JSON of `accelbench rig calibrate`, and in words."""
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+from rich.console import RenderableType
+
+from sinscal.earth import ARCMIN, DEG_PER_H
+from sinscal.priors import group_of
+from sinscal.resultfile import MOUNT, RigResult
+from workbench.console import number, table
+from workbench.fit_output import value_and_sigma
+
+G = 9.80665
+# group: the unit it is told in, and how many SI units that is
+TOLD_IN: Mapping[str, tuple[str, float]] = {
+    "gyro_bias": ("°/h", DEG_PER_H),
+    "gyro_scale": ("ppm", 1e-6),
+    "gyro_misalignment": ("′", ARCMIN),
+    "gyro_g_sensitivity": ("°/h/g", DEG_PER_H / G),
+    "gyro_scale_asymmetry": ("ppm", 1e-6),
+    "gyro_temperature_drift": ("°/h/°C", DEG_PER_H),
+    "accel_bias": ("µg", 1e-6 * G),
+    "accel_scale": ("ppm", 1e-6),
+    "accel_misalignment": ("′", ARCMIN),
+    "accel_second_order": ("µg/g²", 1e-6 / G),
+    "lever_arm": ("mm", 1e-3),
+    "accel_temperature_bias": ("µg/°C", 1e-6 * G),
+    "accel_temperature_scale": ("ppm/°C", 1e-6),
+    "rig_time_offset": ("ms", 1e-3),
+    "rig_mount": ("′", ARCMIN),
+    "rig_angle_harmonic": ("″", ARCMIN / 60.0),
+    "rig_angle_harmonic_2": ("″", ARCMIN / 60.0),
+}
+SHOWN = 10  # refused measurements in words
+TESTS = {
+    "converged": "the iteration came to rest",
+    "nis": "innovations are as large as their sigmas say",
+    "white": "innovations are white",
+    "no_slow_drift": "no slow drift",
+    "within_bound": "what is only bounded is within its bound",
+    "held_out": "the last cycle agrees with the others",
+    "prior": "the errors are no larger than expected beforehand",
+}
+
+
+def told_group(name: str) -> str:
+    """Return the group of a parameter, the mounting's included."""
+    return "rig_mount" if name.startswith(MOUNT) else group_of(name)
+
+
+def calibration_document(result: RigResult) -> dict[str, Any]:
+    """Return what `rig calibrate --json` writes: the result file's content."""
+    return result.model_dump(mode="json")
+
+
+def verdict(result: RigResult) -> str:
+    """Say in a line whether the calibration can be trusted."""
+    tests: Mapping[str, bool | None] = result.consistency["tests"]
+    failed = [TESTS[name] for name, ok in tests.items() if ok is False]
+    if not failed:
+        not_made = [TESTS[name] for name, ok in tests.items() if ok is None]
+        rest = f" (not tested: {'; '.join(not_made)})" if not_made else ""
+        return f"passed: the calibration is consistent with its sigmas{rest}"
+    return f"failed: not so: {'; '.join(failed)}"
+
+
+def sentences(result: RigResult) -> Iterator[str]:
+    """Tell the verdict and what it rests on, a sentence a line."""
+    c = result.consistency
+    yield verdict(result)
+    lo, hi = c["nis_interval"]
+    yield (
+        f"NIS {c['nis_mean']:.3f} over {c['n']} innovations, expected {lo:.3f} to {hi:.3f} "
+        f"(99.9 % of right calibrations)"
+    )
+    channels = c["channels"].items()
+    least = min(channels, key=lambda pair: min(pair[1]["white_p"], pair[1]["slow_drift_p"]))
+    yield (
+        f"whiteness of the innovations: the least p-value is {least[0]}'s, "
+        f"{min(least[1]['white_p'], least[1]['slow_drift_p']):.2g}"
+    )
+    if bounded := c["bounded"]:
+        yield (
+            f"rows whose noise is only bounded: NIS {number(bounded['nis_mean'], 3)}, at most "
+            f"{bounded['nis_interval'][1]:.3f} allowed"
+        )
+    if held := c["held_out"]:
+        line = (
+            f"cycle {held['cycle']} held out: taking it in moves the estimates by χ² "
+            f"{held['shift_chi2']:.1f} with {held['dof']} degrees of freedom, "
+            f"p {held['p_value']:.2g}"
+        )
+        if held["force_residual_before_m_s2"] is not None:
+            line += (
+                f"; force left in it {number(held['force_residual_before_m_s2'], 3)} m/s² before, "
+                f"{number(held['force_residual_after_m_s2'], 3)} m/s² by the other cycles"
+            )
+        yield line
+    for k, north in enumerate(result.north):
+        yield (
+            f"cycle {k + 1}: azimuth of the rotation axis by gyrocompassing alone "
+            f"{np.mod(north['azimuth_deg'], 360.0):.3f}° ± {north['sigma_deg']:.2g}°"
+        )
+    flagged = result.refused["flagged_rows_by_cycle"]
+    yield f"rows flagged by cycle: {', '.join(str(n) for n in flagged)}"
+    yield from refused_lines(result)
+
+
+def refused_lines(result: RigResult) -> Iterator[str]:
+    """Tell the measurements that the gate refused."""
+    n, listed = result.refused["n"], result.refused["measurements"]
+    if not n:
+        yield "no measurement was refused"
+        return
+    yield f"{n} measurement(s) refused:"
+    for one in listed[:SHOWN]:
+        yield (
+            f"  cycle {one['cycle']}, {one['time_s']:.1f} s, {one['channel']}: "
+            f"{one['sigmas']:+.1f} sigmas"
+        )
+    if n > SHOWN:
+        yield f"  and {n - SHOWN} more"
+
+
+def observability_lines(result: RigResult) -> Iterator[str]:
+    """Tell what the data do not show."""
+    o = result.observability
+    values = o["singular_values"]
+    yield (
+        f"information against the prior: singular values from {number(max(values), 3)} "
+        f"to {number(min(values), 3)}"
+    )
+    if o["not_observed"]:
+        yield f"not observed (sigma hardly below the prior's): {', '.join(o['not_observed'])}"
+    for one in o["not_told_apart"]:
+        parts = " ".join(f"{w:+.2f}·{n}" for n, w in one.items()).replace("-", "−")
+        yield f"not told apart: {parts} (in sigmas of the prior)"
+    for pair in o["correlated"][:SHOWN]:
+        yield f"{pair['names'][0]} and {pair['names'][1]} correlate by {pair['correlation']:+.3f}"
+    if len(o["correlated"]) > SHOWN:
+        yield f"and {len(o['correlated']) - SHOWN} more pairs above 0.9"
+
+
+COLUMNS = ("parameter", "unit", "value ± 1 σ", "prior σ", "σ / prior")
+
+
+def parameter_rows(result: RigResult) -> Iterator[tuple[str, ...]]:
+    """Yield a row for each parameter, in the unit people tell it in."""
+    for name, one in result.parameters.items():
+        unit, size = TOLD_IN.get(told_group(name), (one.unit, 1.0))
+        prior = result.prior[name].sigma
+        ratio = number(one.sigma / prior, 2) if prior > 0 else "fixed"
+        value = value_and_sigma(one.value / size, one.sigma / size)
+        yield name, unit, value, number(prior / size, 3), ratio
+
+
+def calibration_text(result: RigResult) -> Iterator[RenderableType]:
+    """Tell a calibration in words and a table."""
+    made = table(*COLUMNS, right=COLUMNS[2:])
+    for row in parameter_rows(result):
+        made.add_row(*row)
+    yield made
+    yield ""
+    yield from sentences(result)
+    yield from observability_lines(result)
+    for warning in result.warnings:
+        yield f"warning: {warning}"

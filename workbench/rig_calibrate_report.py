@@ -1,0 +1,86 @@
+"""The report of a rig calibration: one HTML file and its pictures."""
+
+from sinscal.judged import Judged
+from sinscal.resultfile import RigResult
+from sinscal.run import NavRun, RigRun
+from workbench.console import number
+from workbench.figures_rig_calibrate import calibration_pictures
+from workbench.outputs import REPORT_NAME
+from workbench.page import Page, ReportTable, Section, render_page
+from workbench.rig_calibrate_output import (
+    COLUMNS,
+    observability_lines,
+    parameter_rows,
+    sentences,
+    verdict,
+)
+
+
+def render_calibration(judged: Judged, run: RigRun | NavRun, result: RigResult) -> dict[str, bytes]:
+    """Return the report's files by name, without writing any.
+
+    Parameters
+    ----------
+    judged : Judged
+    run : RigRun or NavRun
+        What was calibrated with.
+    result : RigResult
+        Made of both.
+    """
+    estimates, *others = calibration_pictures(judged, run, result)
+    sections = (
+        Section(title="Verdict", lines=(verdict(result),), points=tuple(sentences(result))[1:]),
+        _warnings(result),
+        Section(
+            title="Estimates",
+            lines=("Measured = true + error; all parameters are errors of the sensors.",),
+            table=ReportTable(title="", columns=COLUMNS, rows=tuple(parameter_rows(result))),
+            words=(0, 1),
+            pictures=(estimates,),
+        ),
+        Section(title="What the data show", points=tuple(observability_lines(result))),
+        Section(title="Pictures", pictures=tuple(others)),
+        _refused(result),
+        _source(result),
+        Section(
+            title="How to apply it",
+            points=(result.formula, result.signs, result.axes, result.units, result.gauge),
+        ),
+    )
+    page = Page(title=f"Rig calibration, {result.mode}, of {result.run.source}", sections=sections)
+    return render_page(page, REPORT_NAME)
+
+
+def _warnings(result: RigResult) -> Section:
+    if not result.warnings:
+        return Section(title="Warnings", lines=("None.",))
+    return Section(title="Warnings", points=result.warnings)
+
+
+def _refused(result: RigResult) -> Section:
+    listed = result.refused["measurements"]
+    rows = tuple(
+        (str(r["cycle"]), r["channel"], f"{r['time_s']:.1f}", f"{r['sigmas']:+.1f}") for r in listed
+    )
+    flagged = ", ".join(str(n) for n in result.refused["flagged_rows_by_cycle"])
+    return Section(
+        title="Refused measurements",
+        lines=(f"{result.refused['n']} refused by the gate; rows flagged by cycle: {flagged}.",),
+        table=ReportTable(title="", columns=("cycle", "row", "time, s", "sigmas"), rows=rows)
+        if rows
+        else None,
+        words=(1,),
+    )
+
+
+def _source(result: RigResult) -> Section:
+    run, noise = result.run, result.noise
+    points = [
+        f"{run.source}: {run.rows} rows in {run.cycles} cycle(s), SHA-256 {run.digest}",
+        f"latitude {run.latitude_deg:.4f}°, height {number(run.height_m)} m, "
+        f"gravity {result.gravity_m_s2:.6f} m/s²; reference temperature {result.t_ref_c:g} °C",
+        "noise used: " + ", ".join(f"{k} {v:.3g}" for k, v in noise.items() if v),
+        f"result {result.result_id}, format {result.format} {result.format_version}, made by "
+        f"{result.software}",
+    ]
+    return Section(title="Source", points=tuple(points))
