@@ -96,6 +96,8 @@ class Discrepancy:
     @property
     def alias_sets(self) -> tuple[tuple[str, ...], ...]:
         """Effects that these data cannot tell apart."""
+        if self.verdict != "alias":
+            return ()
         return tuple(s.alias for s in self.result.slots if len(s.alias) > 1)
 
 

@@ -114,7 +114,8 @@ def indexer_harmonic(order: int) -> Term:
 
     def columns(record: Record) -> FloatArray:
         angle = order * np.arctan2(record["a_i_g"], record["a_p_g"])
-        return record["a_p_g"][:, None] * np.column_stack([np.sin(angle), np.cos(angle)])
+        error = np.column_stack([np.sin(angle), np.cos(angle)])
+        return np.round(record["a_p_g"][:, None] * error, 12)  # what is zero shall be zero
 
     return Term(
         name=name,

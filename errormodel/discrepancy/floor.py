@@ -98,7 +98,8 @@ def estimate_floor(times: TimeBase, residual: FloatArray, saturated: FloatArray)
     like(NoiseShape())
     _search_drift(like, times)
     _search_one(like, lambda r: flicker(r, times))
-    _search_one(like, lambda r: walking(r, times))
+    _search_one(like, lambda r: walking(r, times, continued=False))
+    _search_one(like, lambda r: walking(r, times, continued=True))
     best = max(seen, key=lambda s: seen[s][0])
     top = seen[best][0]
     kept = {s: v for s, (v, _) in seen.items() if top - v < REACH}

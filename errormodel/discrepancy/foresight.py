@@ -7,7 +7,7 @@ import numpy as np
 
 from errormodel.arrays import FloatArray
 from errormodel.discrepancy.problem import Candidate, Signature
-from errormodel.discrepancy.scan import View
+from errormodel.discrepancy.scan import NOTHING, ROUNDING, View
 
 # An effect is foreseen to be named at this whitened strength (seven sigma of its own size).
 NAMEABLE_D = 7.0
@@ -23,7 +23,7 @@ class Foresight:
     ----------
     names : tuple of str
     strength : ndarray, shape (m,)
-        Whitened length of the first column at the middle of its grid, per unit of its size; of an
+        Whitened length of the first column that is seen, at the middle of its grid, per unit of its size; of an
         effect without a size, 0.
     least_theta : dict of str to float
         For an effect whose size is its nonlinear parameter: where it reaches `NAMEABLE_D`.
@@ -73,7 +73,8 @@ def foresee(view: View, candidates: Sequence[Candidate]) -> Foresight:
         gains = view.gains(points, targets).max(axis=0)
         imitated[:, j] = np.divide(gains, total, out=np.zeros_like(gains), where=total > 1e-12)
     least = {c.name: _least(view, c) for c in candidates if c.prepared()[0].offset is not None}
-    strength = np.sqrt(total) * np.array([c.name not in least for c in candidates])
+    seen = np.array([_seen(view, c) for c in candidates])
+    strength = seen * np.array([c.name not in least for c in candidates])
     return Foresight(
         names=tuple(c.name for c in candidates),
         strength=strength,
@@ -81,6 +82,15 @@ def foresee(view: View, candidates: Sequence[Candidate]) -> Foresight:
         invisible=tuple(invisible),
         imitated=np.clip(imitated, 0.0, 1.0),
     )
+
+
+def _seen(view: View, candidate: Candidate) -> float:
+    """Return the whitened length of an effect's first column that the measurement shows."""
+    middle = _columns(candidate.prepared()[len(candidate.grid) // 2])
+    white = view.white(middle)
+    left = np.linalg.norm(view.beside_base(white), axis=0)
+    shown = left > NOTHING * np.linalg.norm(white, axis=0) + ROUNDING
+    return float(left[np.argmax(shown)]) if shown.any() else 0.0
 
 
 def _least(view: View, candidate: Candidate) -> float:

@@ -12,6 +12,8 @@ from errormodel.discrepancy.problem import Candidate, Factor, Problem, Signature
 
 # What is left of a column beside the others, as a share of its length, when it counts as nothing.
 NOTHING = 2e-3
+# A whitened column shorter than this is rounding of what is zero.
+ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -118,7 +120,7 @@ class View:
 def _basis(beside: FloatArray, lengths: FloatArray) -> FloatArray:
     """Return an orthonormal basis of columns, without those of which next to nothing is left."""
     left = np.linalg.norm(beside, axis=0)
-    kept = left > NOTHING * np.where(lengths > 0, lengths, 1.0)
+    kept = (left > NOTHING * lengths) & (lengths > ROUNDING)
     if beside.shape[1] == 1:
         return beside / left if kept[0] else beside[:, :0]
     if not kept.any():

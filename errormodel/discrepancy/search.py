@@ -21,8 +21,11 @@ class Rules:
 
     Attributes
     ----------
-    alpha : float
-        False-alarm rate of the library as a whole, for an effect to enter.
+    alpha, alpha_event : float
+        False-alarm rates of the effects that repeat and of the events, each as a whole, for one
+        to enter.
+    least : float
+        What an effect must explain beyond luck beside the others, to keep its name.
     further : float
         What a further effect must explain, beyond luck, beside one that is named already: the
         shape of the first is never known quite.
@@ -44,6 +47,8 @@ class Rules:
     """
 
     alpha: float = 0.006
+    alpha_event: float = 0.008
+    least: float = 10.0
     further: float = 30.0
     alpha_rest: float = 0.004
     alias: float = 9.0
@@ -198,7 +203,7 @@ class Search:
             view = self.view(chosen)
             ranked = self._with_ratios(view, self.ranked(view))
             first = first or tuple(r.found for r in ranked)
-            if not ranked or ranked[0].p_value >= self.rules.alpha:
+            if not ranked or not self._enters(ranked[0]):
                 break
             best = ranked[0].found
             if chosen and (
@@ -251,11 +256,15 @@ class Search:
         ]
         return sorted(made, key=lambda r: -r.score)
 
+    def _enters(self, one: Ranked) -> bool:
+        event = one.found.candidate.event
+        return one.p_value < (self.rules.alpha_event if event else self.rules.alpha)
+
     def _luck(self, name: str) -> float:
         return self.laws.gains[name].mean if name in self.laws.gains else 0.0
 
     def _p_value(self, name: str, gain: float) -> float:
-        return self.laws.p_family(self.laws.p_of(name, gain))
+        return self.laws.p_family(name, gain)
 
     def _is_shape(self, best: Found, view: View, chosen: Sequence[Choice]) -> bool:
         """Tell whether an effect is only the ill-known shape of a much stronger one."""
@@ -320,7 +329,8 @@ class Search:
         p_value = ranked[0].p_value
         if best.candidate.event:
             p_value = self._entered.get(name, self._entered.get(present.name, 1.0))
-        if p_value >= self.rules.alpha:
+        limit = self.rules.alpha_event if best.candidate.event else self.rules.alpha
+        if p_value >= limit or ranked[0].score < self.rules.least:
             return None
         below = [(r.found.candidate.name, ranked[0].score - r.score) for r in ranked]
         return Slot(
