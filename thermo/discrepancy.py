@@ -20,6 +20,7 @@ from errormodel.discrepancy.scan import View
 from errormodel.discrepancy.search import Rules, Search, SearchResult
 from errormodel.errors import InputError
 from errormodel.model import ErrorModel
+from thermo.discrepancy_floor import floor_ug
 from thermo.discrepancy_heldout import HeldOut, held_out, reading_residual_ug, rms
 from thermo.discrepancy_source import Fitted, ThermalSource
 from thermo.discrepancy_words import EffectFound, effects_found, where_text
@@ -229,7 +230,7 @@ class _Work:
             where_text=where_text(where, verdict),
             rms_before_ug=rms(reading_residual_ug(source.channel, before)),
             rms_after_ug=rms(reading_residual_ug(source.channel, after)),
-            floor_ug=float(np.hypot(white_ug, drift)),
+            floor_ug=floor_ug(source, after, floor, search.view([]).problem.saturated),
             heldout=heldout,
             experiment=propose(source, result, verdict, invisible, floor),
         )

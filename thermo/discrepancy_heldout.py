@@ -1,7 +1,7 @@
 """The gap on runs that the choice of effect has not seen."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -101,7 +101,7 @@ def held_out(source: ThermalSource, search: Search, choices: Sequence[Choice]) -
 
 def _chosen(part: ThermalSource, search: Search) -> tuple[Choice, ...]:
     """Repeat the choice on fewer runs, under the noise and the null laws of all."""
-    again = Search(part, search.floor, search.laws, search.rules)
+    again = Search(part, search.floor, replace(search.laws, shapes=()), search.rules)
     return again.chosen()
 
 

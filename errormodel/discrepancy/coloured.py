@@ -117,9 +117,7 @@ class TimeBase:
 
     def take(self, rows: IntArray) -> "TimeBase":
         """Return some samples; runs keep their numbers."""
-        return TimeBase(
-            self.time_s[rows], self.run[rows], self.white2[rows], self.elapsed_s[rows]
-        )
+        return TimeBase(self.time_s[rows], self.run[rows], self.white2[rows], self.elapsed_s[rows])
 
 
 @dataclass(frozen=True, slots=True)

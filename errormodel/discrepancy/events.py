@@ -16,6 +16,7 @@ from errormodel.discrepancy.floor import PENALTY, NoiseFloor, Restricted, estima
 from errormodel.discrepancy.problem import Candidate, Problem, independent
 from errormodel.discrepancy.scan import Prepared, View
 
+MOST_SHAPES = 12  # of either kind, over which likelihoods are maximised
 MANY = 40  # more points of a grid than this cannot stand beside the noise
 
 
@@ -33,7 +34,7 @@ def shapes_allowed(problem: Problem, floor: NoiseFloor) -> tuple[NoiseShape, ...
             columns += [s.columns for s in every[:: max(1, len(every) // 4)]]
     beside = independent(np.hstack(columns), 1e-4)
     other = estimate_floor(problem.times, problem.residual, beside)
-    shapes = [s for _, s in (*floor.support, *other.support)]
+    shapes = [s for f in (floor, other) for _, s in f.support[:MOST_SHAPES]]
     return tuple(dict.fromkeys(shapes))
 
 

@@ -24,6 +24,7 @@ from errormodel.discrepancy.problem import independent
 
 # Shapes whose log-likelihood is this far below the best are not drawn from: 3 sigma.
 REACH = 4.5
+MOST_SHAPES = 24  # of these, that a search keeps: more would only lie between them
 # What each family must gain over white noise: its number of unknowns (Akaike).
 PENALTY = {"white": 0.0, "flicker": 1.0, "walk": 1.0, "drift": 2.0}
 
@@ -102,7 +103,8 @@ def estimate_floor(times: TimeBase, residual: FloatArray, saturated: FloatArray)
     _search_one(like, lambda r: walking(r, times, continued=True))
     best = max(seen, key=lambda s: seen[s][0])
     top = seen[best][0]
-    kept = {s: v for s, (v, _) in seen.items() if top - v < REACH}
+    likely = sorted(seen, key=lambda s: -seen[s][0])[:MOST_SHAPES]
+    kept = {s: seen[s][0] for s in likely if top - seen[s][0] < REACH}
     weights = {s: float(np.exp(v - top)) for s, v in kept.items()}
     total = sum(weights.values())
     return NoiseFloor(

@@ -54,15 +54,19 @@ class View:
         widths = [s.columns.shape[1] for s in signatures]
         stacked = self.white(np.hstack([s.columns for s in signatures]))
         beside = self.beside_base(stacked)
-        lengths = np.linalg.norm(stacked, axis=0)
+        lengths, left = np.linalg.norm(stacked, axis=0), np.linalg.norm(beside, axis=0)
+        unit = beside / np.where(left > 0, left, 1.0)
+        shown = (left > NOTHING * lengths) & (lengths > ROUNDING)
         ends = np.cumsum(widths)
         made: list[Point] = []
         for end, width, s in zip(ends, widths, signatures, strict=True):
             own = slice(end - width, end)
             if s.base is not None or s.offset is not None:
                 made.append(self._replaced(s))
+            elif width == 1:
+                made.append(Point(basis=unit[:, own] if shown[end - 1] else unit[:, :0]))
             else:
-                made.append(Point(basis=_basis(beside[:, own], lengths[own])))
+                made.append(Point(basis=independent(beside[:, own][:, shown[own]], 1e-5)))
         return made
 
     def _replaced(self, s: Signature) -> Point:
@@ -115,17 +119,6 @@ class View:
         """Return how much chi-square a factor explains beyond the baseline, shape (D,)."""
         points = self.points([Signature(columns=group) for group in factor.groups])
         return self.gains(points, data).max(axis=0)
-
-
-def _basis(beside: FloatArray, lengths: FloatArray) -> FloatArray:
-    """Return an orthonormal basis of columns, without those of which next to nothing is left."""
-    left = np.linalg.norm(beside, axis=0)
-    kept = (left > NOTHING * lengths) & (lengths > ROUNDING)
-    if beside.shape[1] == 1:
-        return beside / left if kept[0] else beside[:, :0]
-    if not kept.any():
-        return beside[:, :0]
-    return independent(beside[:, kept], 1e-5)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

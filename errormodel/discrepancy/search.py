@@ -206,9 +206,7 @@ class Search:
             if not ranked or not self._enters(ranked[0]):
                 break
             best = ranked[0].found
-            if chosen and (
-                ranked[0].score < self.rules.further or self._is_shape(best, view, chosen)
-            ):
+            if chosen and not best.candidate.event and self._is_shape(ranked[0], view):
                 break
             self._entered[best.candidate.name] = ranked[0].p_value
             chosen.append(Choice(best.candidate.name, best.theta))
@@ -245,9 +243,7 @@ class Search:
             return ranked
         data = view.problem.residual[:, None]
         values = event_ratios(view.problem, self.laws.shapes, data)[:, 0].tolist()
-        ratios = dict(
-            zip((c.name for c in events_of(view.problem)), values, strict=True)
-        )
+        ratios = dict(zip((c.name for c in events_of(view.problem)), values, strict=True))
         made = [
             Ranked(r.found, ratios[n] - self._luck(n), self._p_value(n, ratios[n]))
             if (n := r.found.candidate.name) in ratios
@@ -266,14 +262,16 @@ class Search:
     def _p_value(self, name: str, gain: float) -> float:
         return self.laws.p_family(name, gain)
 
-    def _is_shape(self, best: Found, view: View, chosen: Sequence[Choice]) -> bool:
-        """Tell whether an effect is only the ill-known shape of a much stronger one."""
+    def _is_shape(self, one: Ranked, view: View) -> bool:
+        """Tell whether an effect is only the ill-known shape of those named before it."""
+        if one.score < self.rules.further:
+            return True
         plain = self.view([])
-        signature = best.candidate.signature(best.theta)
+        signature = one.found.candidate.signature(one.found.theta)
         alone, beside = plain.strength(signature), view.strength(signature)
         imitated = 1.0 - (beside / alone) ** 2 if alone > 0 else 1.0
         total = chi_square(plain) - chi_square(view)
-        return imitated > 0.3 and best.gain < self.rules.relative**2 * total and bool(chosen)
+        return imitated > 0.3 and one.found.gain < self.rules.relative**2 * total
 
     def _made_supple(self, chosen: list[Choice]) -> list[Choice]:
         """Give the last effect its family's richer member when that explains clearly more."""
