@@ -6,7 +6,7 @@ effects is tried, the effect found is added and judged on runs that were held ou
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -169,7 +169,9 @@ class _Work:
     def __init__(
         self, source: ThermalSource, t_ref_c: float, rules: Rules, draws: int, seed: int, say: Tell
     ) -> None:
-        self.source, self.t_ref_c, self.rules = source, t_ref_c, rules
+        self.source, self.t_ref_c = source, t_ref_c
+        # one run does not carry a second name
+        self.rules = rules if source.seen.runs > 1 else replace(rules, most=1)
         self.draws, self.seed, self.say = draws, seed, say
 
     def run(self) -> Discrepancy:

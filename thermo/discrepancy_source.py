@@ -154,7 +154,7 @@ class ThermalSource:
         left = [e for e in self.effects if e.name not in names]
         candidates = _Candidates(self, fitted).of(left)
         if self._reps is None:
-            self._reps = _representatives(candidates)
+            self._reps = _representatives(candidates, fitted.residual.size)
         return Problem(
             times=self.blocks.times,
             residual=fitted.residual,
@@ -240,7 +240,8 @@ class _Candidates:
             signature=signature,
             grid=form.grid,
             bounds=tuple(bounds[p] for p in form.parameters) if form.smooth else (),
-            event=effect.event,
+            # one run tells nothing of what repeats: everything is judged beside its own noise
+            event=effect.event or self.source.seen.runs == 1,
             richer=rich,
         )
 
@@ -283,7 +284,7 @@ class _Candidates:
         return record
 
 
-def _representatives(candidates: Sequence[Candidate]) -> FloatArray:
+def _representatives(candidates: Sequence[Candidate], rows: int) -> FloatArray:
     """Return signatures that stand for what may be missing and would repeat, for the noise."""
     pieces: list[FloatArray] = []
     for candidate in (c for c in candidates if not c.event):
@@ -291,4 +292,4 @@ def _representatives(candidates: Sequence[Candidate]) -> FloatArray:
         chosen = every[:: max(1, len(every) // 4)]
         for s in chosen:
             pieces.append(s.columns if s.offset is None else s.offset[:, None])
-    return independent(np.hstack(pieces), 1e-4)
+    return independent(np.hstack([np.zeros((rows, 0)), *pieces]), 1e-4)

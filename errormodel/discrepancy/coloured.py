@@ -4,7 +4,8 @@ Each slow process is an Ornstein-Uhlenbeck process that starts afresh with every
 stationary law or from zero. One of them is bias instability; one whose correlation time is many
 times a run and that starts from zero is a random walk (where a run begins is then an offset of its
 own, which is an effect with a name); five of them spaced evenly in the logarithm of the
-correlation time, all of one variance, are flicker noise. Whitening is the innovation sequence of the Kalman
+correlation time, all of one variance, are flicker noise. Whitening is the innovation sequence of
+the Kalman
 filter of the sum, in linear time.
 """
 

@@ -13,7 +13,7 @@ import numpy as np
 from errormodel.arrays import FloatArray
 from errormodel.discrepancy.coloured import NoiseShape
 from errormodel.discrepancy.floor import PENALTY, NoiseFloor, Restricted, estimate_floor
-from errormodel.discrepancy.problem import Candidate, Problem, independent
+from errormodel.discrepancy.problem import Candidate, Problem, columns_of, independent
 from errormodel.discrepancy.scan import Prepared, View
 
 MOST_SHAPES = 12  # of either kind, over which likelihoods are maximised
@@ -31,7 +31,7 @@ def shapes_allowed(problem: Problem, floor: NoiseFloor) -> tuple[NoiseShape, ...
     for candidate in events_of(problem):
         every = candidate.prepared()
         if len(every) <= MANY:
-            columns += [s.columns for s in every[:: max(1, len(every) // 4)]]
+            columns += [columns_of(s) for s in every[:: max(1, len(every) // 4)]]
     beside = independent(np.hstack(columns), 1e-4)
     other = estimate_floor(problem.times, problem.residual, beside)
     shapes = [s for f in (floor, other) for _, s in f.support[:MOST_SHAPES]]

@@ -135,7 +135,7 @@ def _search_drift(like: Callable[[NoiseShape], float], times: TimeBase) -> None:
     # allow lie on it
     for along in np.arange(-4, 5) * 0.35:
         for across in (-0.25, 0.0, 0.25):
-            at(np.clip(best + [along + across, along - across], lo, hi))
+            at(np.clip(best + np.array([along + across, along - across]), lo, hi))
 
 
 def _search_one(

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from errormodel.arrays import FloatArray
-from errormodel.discrepancy.problem import Candidate, Signature
+from errormodel.discrepancy.problem import Candidate, Signature, columns_of
 from errormodel.discrepancy.scan import NOTHING, ROUNDING, View
 
 # An effect is foreseen to be named at this whitened strength (seven sigma of its own size).
@@ -23,7 +23,8 @@ class Foresight:
     ----------
     names : tuple of str
     strength : ndarray, shape (m,)
-        Whitened length of the first column that is seen, at the middle of its grid, per unit of its size; of an
+        Whitened length of the first column that is seen, at the middle of its grid, per unit of
+        its size; of an
         effect without a size, 0.
     least_theta : dict of str to float
         For an effect whose size is its nonlinear parameter: where it reaches `NAMEABLE_D`.
@@ -47,10 +48,6 @@ class Foresight:
         return tuple(n for n, s in zip(self.names, row, strict=True) if s > SAME and n != name)
 
 
-def _columns(signature: Signature) -> FloatArray:
-    return signature.columns if signature.offset is None else signature.offset[:, None]
-
-
 def foresee(view: View, candidates: Sequence[Candidate]) -> Foresight:
     """Tell what can be shown of each candidate under a noise.
 
@@ -59,13 +56,13 @@ def foresee(view: View, candidates: Sequence[Candidate]) -> Foresight:
     view : View
     candidates : sequence of Candidate
     """
-    middle = [_columns(c.prepared()[len(c.grid) // 2])[:, 0] for c in candidates]
+    middle = [columns_of(c.prepared()[len(c.grid) // 2])[:, 0] for c in candidates]
     targets = view.beside_base(view.white(np.column_stack(middle)))
     total = np.sum(targets**2, axis=0)
     imitated = np.zeros((len(candidates), len(candidates)))
     invisible: list[str] = []
     for j, candidate in enumerate(candidates):
-        linear = [Signature(columns=_columns(s)) for s in candidate.prepared()]
+        linear = [Signature(columns=columns_of(s)) for s in candidate.prepared()]
         points = view.points(linear)
         if not any(p.basis.shape[1] for p in points):
             invisible.append(candidate.name)
@@ -86,7 +83,7 @@ def foresee(view: View, candidates: Sequence[Candidate]) -> Foresight:
 
 def _seen(view: View, candidate: Candidate) -> float:
     """Return the whitened length of an effect's first column that the measurement shows."""
-    middle = _columns(candidate.prepared()[len(candidate.grid) // 2])
+    middle = columns_of(candidate.prepared()[len(candidate.grid) // 2])
     white = view.white(middle)
     left = np.linalg.norm(view.beside_base(white), axis=0)
     shown = left > NOTHING * np.linalg.norm(white, axis=0) + ROUNDING

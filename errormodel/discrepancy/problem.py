@@ -39,6 +39,11 @@ class Signature:
     offset: FloatArray | None = None
 
 
+def columns_of(signature: Signature) -> FloatArray:
+    """Return a signature's columns; for an effect without a coefficient, what it does."""
+    return signature.columns if signature.offset is None else signature.offset[:, None]
+
+
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Candidate:
     """An effect that may be missing.

@@ -320,7 +320,7 @@ class Search:
 
     def _slot(self, others: Sequence[Choice], present: Choice) -> Slot | None:
         view = self.view(others)
-        ranked = self._with_rich(view, self.ranked(view), present)
+        ranked = _simplest_first(self._with_rich(view, self.ranked(view), present))
         best = ranked[0].found
         name = best.candidate.name
         # an event was judged when it entered; the noise has since been estimated beside it
@@ -330,7 +330,8 @@ class Search:
         limit = self.rules.alpha_event if best.candidate.event else self.rules.alpha
         if p_value >= limit or ranked[0].score < self.rules.least:
             return None
-        below = [(r.found.candidate.name, ranked[0].score - r.score) for r in ranked]
+        top = max(r.score for r in ranked)
+        below = [(r.found.candidate.name, top - r.score) for r in ranked]
         return Slot(
             choice=Choice(name, best.theta, rich=present.rich and name == present.name),
             gain=best.gain,
@@ -361,6 +362,17 @@ class Search:
             grid_gain=max(plain.found.grid_gain, rich.grid_gain),
         )
         return Ranked(found, plain.score + rich.gain - plain.found.gain - 2.0 * more, plain.p_value)
+
+
+# Scores this close are a tie: the effect with fewer unknowns is put first.
+TIE = 2.0
+
+
+def _simplest_first(ranked: list[Ranked]) -> list[Ranked]:
+    """Put the effect with the fewest unknowns before those that are hardly better."""
+    tied = [r for r in ranked if ranked[0].score - r.score < TIE]
+    first = min(tied, key=lambda r: _unknowns(r.found.candidate))
+    return [first, *(r for r in ranked if r is not first)]
 
 
 def _unknowns(candidate: Candidate) -> int:
