@@ -114,7 +114,7 @@ def render_report(
         coefficients=_coefficients(fits),
         sources=_sources(fits, runs),
         conventions=CONVENTIONS,
-        software=_software(),
+        software=software(),
         figures=[_embedded(p) for p in drawn],
         unpictured=max(0, len(fits) - MAX_ACCELEROMETERS),
         extras=extras,
@@ -191,6 +191,7 @@ def _sources(fits: Sequence[AccelerometerFit], runs: RecordedRuns) -> list[list[
     return rows
 
 
-def _software() -> str:
+def software() -> str:
+    """Return the versions of what a report was made with."""
     versions = (f"{name} {version(name)}" for name in SOFTWARE)
     return ", ".join((f"Python {platform.python_version()}", *versions))
