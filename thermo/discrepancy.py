@@ -148,7 +148,7 @@ def find_discrepancy(
     InputError
         If an accelerometer has too few readings.
     """
-    say = tell or (lambda line: None)
+    say: Tell = tell or _silent
     given = model or TermsFile()
     made: list[Discrepancy] = []
     for serial in runs.serials:
@@ -161,6 +161,10 @@ def find_discrepancy(
         work = _Work(source, given.t_ref_c, rules or Rules(), draws, seed, say)
         made.append(work.run())
     return tuple(made)
+
+
+def _silent(line: str) -> None:
+    """Tell nobody."""
 
 
 class _Work:

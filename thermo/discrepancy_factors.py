@@ -137,7 +137,7 @@ def saturated_columns(seen: Seen) -> FloatArray:
     With a single run nothing is known to repeat, and temperature by direction is time itself:
     then only what no time can imitate is taken, the position.
     """
-    columns = [np.ones((seen.temp.size, 1))]
+    columns: list[FloatArray] = [np.ones((seen.temp.size, 1))]
     n_positions = int(seen.position.max()) + 1
     few = seen.has_input and 1 < n_positions <= MAX_POSITIONS
     if few:

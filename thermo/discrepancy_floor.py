@@ -12,6 +12,7 @@ import numpy as np
 from errormodel.arrays import FloatArray
 from errormodel.discrepancy.floor import NoiseFloor
 from errormodel.discrepancy.problem import independent
+from thermo.discrepancy_heldout import reading_residual_ug
 from thermo.discrepancy_source import Fitted, ThermalSource
 
 DRAWS = 80
@@ -36,14 +37,13 @@ def floor_ug(
     mean = independent(np.hstack([saturated, after.jacobian]), 1e-5)
     # where a walk that goes on through the rests had got to is no part of a run's own noise
     shape = replace(floor.shape, continued=False)
-    noise = shape.whitener(blocks.times).colour(
-        np.random.default_rng(1).standard_normal((weights.size, DRAWS))
-    )
+    white: FloatArray = np.random.default_rng(1).standard_normal((weights.size, DRAWS))
+    noise = shape.whitener(blocks.times).colour(white)
     left = after.residual - mean @ (mean.T @ after.residual)
     noise_left = noise - mean @ (mean.T @ noise)
     scale2 = float(weights @ left**2) / float(np.mean(weights @ noise_left**2))
     predicted = _predicted(source, after, noise)
-    within, dof = blocks.spread(_reading_residual(source, after))
+    within, dof = blocks.spread(reading_residual_ug(source.channel, after))
     within2 = within**2 * dof / blocks.counts.sum()
     return float(np.sqrt(scale2 * np.mean(weights @ predicted**2) + within2))
 
@@ -54,7 +54,8 @@ def _predicted(source: ThermalSource, after: Fitted, noise: FloatArray) -> Float
     coefficients |= {p.name for t in after.model.terms if t.predictive for p in t.parameters}
     kept = [k for k, name in enumerate(after.free) if name in coefficients]
     columns = after.jacobian[:, kept]
-    columns = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    norms = np.linalg.norm(columns, axis=0)
+    columns = columns / np.where(norms > 0, norms, 1.0)
     if source.seen.runs < 2:
         return noise - columns @ np.linalg.lstsq(columns, noise, rcond=1e-9)[0]
     out = np.empty_like(noise)
@@ -63,9 +64,3 @@ def _predicted(source: ThermalSource, after: Fitted, noise: FloatArray) -> Float
         fitted = np.linalg.lstsq(columns[~mine], noise[~mine], rcond=1e-9)[0]
         out[mine] = noise[mine] - columns[mine] @ fitted
     return out
-
-
-def _reading_residual(source: ThermalSource, fitted: Fitted) -> FloatArray:
-    record = source.channel.record
-    predicted = fitted.model.simulate(record, fitted.values)
-    return 1e6 * (np.asarray(record.output) - predicted)

@@ -80,8 +80,8 @@ def menu(channel: Channel) -> Iterator[Item]:
 
 
 def _range(channel: Channel) -> tuple[float, float]:
-    lo = max(COLDEST_C, float(np.round(channel.temp_c.min())))
-    hi = min(HOTTEST_C, float(np.round(channel.temp_c.max())))
+    lo = max(COLDEST_C, float(round(float(channel.temp_c.min()))))
+    hi = min(HOTTEST_C, float(round(float(channel.temp_c.max()))))
     return (lo, hi) if hi - lo > 5.0 else (lo, lo + 40.0)
 
 

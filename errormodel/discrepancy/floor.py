@@ -122,9 +122,9 @@ def _search_drift(like: Callable[[NoiseShape], float], times: TimeBase) -> None:
     def at(point: FloatArray) -> float:
         return like(drifting(float(np.exp(point[0])), float(np.exp(point[1]))))
 
-    points = [
-        np.array([r, t]) for r in np.linspace(lo[0], hi[0], 7) for t in np.linspace(lo[1], hi[1], 6)
-    ]
+    ratios: list[float] = np.linspace(lo[0], hi[0], 7).tolist()
+    taus: list[float] = np.linspace(lo[1], hi[1], 6).tolist()
+    points: list[FloatArray] = [np.array([r, t]) for r in ratios for t in taus]
     best = max(points, key=at)
     for step in (0.8, 0.4):
         around = [

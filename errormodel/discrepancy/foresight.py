@@ -100,5 +100,6 @@ def _least(view: View, candidate: Candidate) -> float:
     k = int(enough[0])
     if k == 0:
         return float(values[0])
-    logs = np.log(np.maximum(strengths[k - 1 : k + 1], 1e-12))
-    return float(np.exp(np.interp(np.log(NAMEABLE_D), logs, np.log(values[k - 1 : k + 1]))))
+    below, above = np.log(np.maximum(strengths[k - 1 : k + 1], 1e-12)).tolist()
+    part = (np.log(NAMEABLE_D) - below) / max(above - below, 1e-12)
+    return float(values[k - 1] * (values[k] / values[k - 1]) ** part)

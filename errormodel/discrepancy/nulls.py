@@ -13,7 +13,7 @@ import numpy as np
 from errormodel.arrays import FloatArray
 from errormodel.discrepancy.coloured import NoiseShape, TimeBase
 from errormodel.discrepancy.events import event_ratios, shapes_allowed
-from errormodel.discrepancy.floor import NoiseFloor, Restricted
+from errormodel.discrepancy.floor import PENALTY, NoiseFloor, Restricted
 from errormodel.discrepancy.problem import Problem
 from errormodel.discrepancy.scan import Prepared, View
 
@@ -158,9 +158,10 @@ def _estimated(
     judge = Restricted(problem.times, problem.saturated)
     shapes = [s for _, s in floor.support]
     judged = [judge.evaluate(s, noise) for s in shapes]
-    best = np.argmax(np.array([j[0] for j in judged]), axis=0)
-    sigmas = np.array([judged[k][1][d] for d, k in enumerate(best.tolist())])
-    return [shapes[k] for k in best.tolist()], sigmas
+    likelihoods = [j[0] - PENALTY[s.family] for s, j in zip(shapes, judged, strict=True)]
+    best: list[int] = np.argmax(np.array(likelihoods), axis=0).tolist()
+    sigmas = np.array([float(judged[k][1][d]) for d, k in enumerate(best)])
+    return [shapes[k] for k in best], sigmas
 
 
 def _laws(
@@ -196,4 +197,5 @@ def _smallest(laws: list[NullLaw], values: FloatArray) -> FloatArray:
     """Return −ln of the smallest p-value of each draw."""
     if not laws:
         return np.zeros(max(values.shape[-1], 1))
-    return -np.log(np.min([law.p_values(v) for law, v in zip(laws, values, strict=True)], axis=0))
+    p_values = np.array([law.p_values(v) for law, v in zip(laws, values, strict=True)])
+    return -np.log(p_values.min(axis=0))

@@ -299,8 +299,9 @@ class Search:
 
     def _settled(self, chosen: list[Choice]) -> tuple[Slot, ...]:
         """Try every slot again beside the others; drop what no longer stands."""
+        slots: list[Slot] = []
         for _ in range(2):
-            slots: list[Slot] = []
+            slots = []
             moved = False
             for k in range(len(chosen)):
                 others = [c for j, c in enumerate(chosen) if j != k]
