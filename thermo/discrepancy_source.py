@@ -72,6 +72,16 @@ class ThermalSource:
         """Return the forms of an effect that may be added to the present model."""
         return effect.forms(self._context)
 
+    def instants_about(self, theta: Theta) -> tuple[Theta, ...]:
+        """Return the instants of readings between an instant's neighbours on the grid of steps."""
+        grid = np.array(self._context.step_times_h)
+        k = int(np.argmin(np.abs(grid - theta[0])))
+        lo, hi = grid[max(k - 1, 0)], grid[min(k + 1, grid.size - 1)]
+        elapsed = self.channel.record["elapsed_h"]
+        inside = elapsed[(elapsed > lo) & (elapsed < hi)]
+        every = max(1, inside.size // STEP_TRIALS)
+        return tuple((t,) for t in inside[::every].tolist())
+
     def holds(self, effect: ThermalEffect) -> bool:
         """Tell whether the present model has an effect already."""
         alone = context_of(ErrorModel(()), self._context.runs, 1.0, 1.0, (1.0,))
@@ -240,6 +250,7 @@ class _Candidates:
             signature=signature,
             grid=form.grid,
             bounds=tuple(bounds[p] for p in form.parameters) if form.smooth else (),
+            finer=None if form.smooth else self.source.instants_about,
             # one run tells nothing of what repeats: everything is judged beside its own noise
             event=effect.event or self.source.seen.runs == 1,
             richer=rich,

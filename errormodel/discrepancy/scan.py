@@ -171,8 +171,25 @@ class Prepared:
                 gain=float(gains[k]),
                 grid_gain=float(gains[k]),
             )
-            found.append(_refined(self.view, best) if refine and candidate.bounds else best)
+            if refine and candidate.finer is not None:
+                best = _finer(self.view, best, candidate.finer(best.theta))
+            elif refine and candidate.bounds:
+                best = _refined(self.view, best)
+            found.append(best)
         return found
+
+
+def _finer(view: View, best: Found, thetas: Sequence[Theta]) -> Found:
+    """Try points about the grid's best, all at once."""
+    if not thetas:
+        return best
+    points = view.points([best.candidate.signature(theta) for theta in thetas])
+    gains = view.gains(points, view.data[:, None])[:, 0]
+    k = int(np.argmax(gains))
+    if gains[k] <= best.gain:
+        return best
+    gain = float(gains[k])
+    return Found(candidate=best.candidate, theta=thetas[k], gain=gain, grid_gain=best.grid_gain)
 
 
 def _refined(view: View, best: Found) -> Found:
