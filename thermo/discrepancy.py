@@ -21,7 +21,7 @@ from errormodel.discrepancy.search import Rules, Search, SearchResult
 from errormodel.errors import InputError
 from errormodel.model import ErrorModel
 from thermo.discrepancy_floor import floor_ug
-from thermo.discrepancy_heldout import HeldOut, held_out, reading_residual_ug, rms
+from thermo.discrepancy_heldout import EQUAL, HeldOut, held_out, reading_residual_ug, rms
 from thermo.discrepancy_source import Fitted, ThermalSource
 from thermo.discrepancy_words import EffectFound, effects_found, where_text
 from thermo.effects import EFFECTS, ThermalEffect
@@ -234,8 +234,8 @@ class _Work:
             effects=found,
             where=where,
             where_text=where_text(where, verdict),
-            rms_before_ug=rms(reading_residual_ug(source.channel, before)),
-            rms_after_ug=rms(reading_residual_ug(source.channel, after)),
+            rms_before_ug=rms(reading_residual_ug(source.channel, source.fitted((), EQUAL))),
+            rms_after_ug=rms(reading_residual_ug(source.channel, source.fitted(choices, EQUAL))),
             floor_ug=floor_ug(source, after, floor, search.view([]).problem.saturated),
             heldout=heldout,
             experiment=propose(source, result, verdict, invisible, floor),

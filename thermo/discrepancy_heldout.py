@@ -6,11 +6,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from errormodel.arrays import FloatArray
+from errormodel.discrepancy.coloured import NoiseShape
 from errormodel.discrepancy.search import Choice, Search
 from errormodel.errors import NotSeparableError
 from errormodel.terms import Term
 from thermo.discrepancy_source import Fitted, ThermalSource
 from thermo.inputs import Channel
+
+
+# Predictions weigh readings alike: the smallest rms, whatever colour the noise is taken to have.
+EQUAL = NoiseShape()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -75,8 +80,8 @@ def held_out(source: ThermalSource, search: Search, choices: Sequence[Choice]) -
         part = ThermalSource(seen, source.model, source.effects)
         try:
             chosen = _chosen(part, search) if choices else ()
-            before = _predicted(unseen, part.fitted((), search.floor.shape))
-            after = _predicted(unseen, part.fitted(chosen, search.floor.shape))
+            before = _predicted(unseen, part.fitted((), EQUAL))
+            after = _predicted(unseen, part.fitted(chosen, EQUAL))
         except (NotSeparableError, np.linalg.LinAlgError):
             return None
         gaps.append(

@@ -46,7 +46,7 @@ class Rules:
         Effects named at most.
     """
 
-    alpha: float = 0.006
+    alpha: float = 0.003
     alpha_event: float = 0.008
     least: float = 10.0
     further: float = 30.0
@@ -250,7 +250,11 @@ class Search:
             else r
             for r in ranked
         ]
-        return sorted(made, key=lambda r: -r.score)
+        # what repeats comes first: missing from the mean, it would pose as an event
+        return sorted(
+            made,
+            key=lambda r: (r.found.candidate.event or not self._enters(r), -r.score),
+        )
 
     def _enters(self, one: Ranked) -> bool:
         event = one.found.candidate.event
