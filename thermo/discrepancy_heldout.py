@@ -13,7 +13,6 @@ from errormodel.terms import Term
 from thermo.discrepancy_source import Fitted, ThermalSource
 from thermo.inputs import Channel
 
-
 # Predictions weigh readings alike: the smallest rms, whatever colour the noise is taken to have.
 EQUAL = NoiseShape()
 

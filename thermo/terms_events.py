@@ -24,7 +24,7 @@ from errormodel.terms import (
 )
 
 MICRO = 1e6
-MAX_RUNS = 24  # whose turn-on offsets have names
+MAX_RUNS = 12  # whose turn-on offsets have names
 # Play radii of a loop of many hysterons, °C: from hardly a loop to half the widest chamber range.
 PLAY_RADII_C = (1.5, 4.0, 9.0, 18.0, 36.0)
 
