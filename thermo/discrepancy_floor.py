@@ -33,18 +33,18 @@ def floor_ug(
         Everything that repeats, block means.
     """
     blocks = source.blocks
-    weights = blocks.counts / blocks.counts.sum()
+    weights: FloatArray = blocks.counts / float(np.sum(blocks.counts))
     mean = independent(np.hstack([saturated, after.jacobian]), 1e-5)
     # where a walk that goes on through the rests had got to is no part of a run's own noise
     shape = replace(floor.shape, continued=False)
     white: FloatArray = np.random.default_rng(1).standard_normal((weights.size, DRAWS))
-    noise = shape.whitener(blocks.times).colour(white)
+    noise: FloatArray = shape.whitener(blocks.times).colour(white)
     left = after.residual - mean @ (mean.T @ after.residual)
     noise_left = noise - mean @ (mean.T @ noise)
     scale2 = float(weights @ left**2) / float(np.mean(weights @ noise_left**2))
     predicted = _predicted(source, after, noise)
     within, dof = blocks.spread(reading_residual_ug(source.channel, after))
-    within2 = within**2 * dof / blocks.counts.sum()
+    within2 = within**2 * dof / float(np.sum(blocks.counts))
     return float(np.sqrt(scale2 * np.mean(weights @ predicted**2) + within2))
 
 

@@ -122,8 +122,8 @@ def _search_drift(like: Callable[[NoiseShape], float], times: TimeBase) -> None:
     def at(point: FloatArray) -> float:
         return like(drifting(float(np.exp(point[0])), float(np.exp(point[1]))))
 
-    ratios: list[float] = np.linspace(lo[0], hi[0], 7).tolist()
-    taus: list[float] = np.linspace(lo[1], hi[1], 6).tolist()
+    ratios = np.linspace(float(lo[0]), float(hi[0]), 7).tolist()
+    taus = np.linspace(float(lo[1]), float(hi[1]), 6).tolist()
     points: list[FloatArray] = [np.array([r, t]) for r in ratios for t in taus]
     best = max(points, key=at)
     for step in (0.8, 0.4):

@@ -154,7 +154,8 @@ def _estimated(
 ) -> tuple[list[NoiseShape], FloatArray]:
     """Return the shape and the white sigma that each draw would be judged by."""
     if problem.noise is not None:
-        return [problem.noise] * noise.shape[1], np.ones(noise.shape[1])
+        known: FloatArray = np.ones(int(noise.shape[1]))
+        return [problem.noise] * known.size, known
     judge = Restricted(problem.times, problem.saturated)
     shapes = [s for _, s in floor.support]
     judged = [judge.evaluate(s, noise) for s in shapes]
@@ -197,5 +198,7 @@ def _smallest(laws: list[NullLaw], values: FloatArray) -> FloatArray:
     """Return −ln of the smallest p-value of each draw."""
     if not laws:
         return np.zeros(max(values.shape[-1], 1))
-    p_values = np.array([law.p_values(v) for law, v in zip(laws, values, strict=True)])
-    return -np.log(p_values.min(axis=0))
+    least: FloatArray = np.ones(int(values.shape[1]))
+    for law, own in zip(laws, values, strict=True):
+        least = np.minimum(least, law.p_values(own))
+    return -np.log(least)

@@ -50,7 +50,7 @@ class Rules:
     alpha_event: float = 0.008
     least: float = 10.0
     further: float = 30.0
-    alpha_rest: float = 0.004
+    alpha_rest: float = 0.002
     alias: float = 9.0
     share: float = 0.6
     supple: float = 9.0
