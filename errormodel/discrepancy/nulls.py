@@ -197,8 +197,6 @@ def _least_by_kind(
 def _smallest(laws: list[NullLaw], values: FloatArray) -> FloatArray:
     """Return −ln of the smallest p-value of each draw."""
     if not laws:
-        return np.zeros(max(values.shape[-1], 1))
-    least: FloatArray = np.ones(int(values.shape[1]))
-    for law, own in zip(laws, values, strict=True):
-        least = np.minimum(least, law.p_values(own))
-    return -np.log(least)
+        return np.zeros(max(int(values.shape[-1]), 1))
+    p_values: list[FloatArray] = [law.p_values(own) for law, own in zip(laws, values, strict=True)]
+    return -np.log(np.min(np.array(p_values, dtype=float), axis=0))
