@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from errormodel.discrepancy.choices import Rules, SearchResult
 from errormodel.discrepancy.coloured import NoiseShape
 from errormodel.discrepancy.floor import NoiseFloor, estimate_floor
 from errormodel.discrepancy.foresight import Foresight, foresee
@@ -17,7 +18,7 @@ from errormodel.discrepancy.gate import FactorFinding, Judgement, judge, locate
 from errormodel.discrepancy.nulls import Calibration, calibrate
 from errormodel.discrepancy.problem import Problem
 from errormodel.discrepancy.scan import View
-from errormodel.discrepancy.search import Rules, Search, SearchResult
+from errormodel.discrepancy.search import Search
 from errormodel.errors import InputError
 from errormodel.model import ErrorModel
 from thermo.discrepancy_floor import floor_ug

@@ -6,8 +6,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from errormodel.arrays import FloatArray
+from errormodel.discrepancy.choices import Choice
 from errormodel.discrepancy.coloured import NoiseShape
-from errormodel.discrepancy.search import Choice, Search
+from errormodel.discrepancy.search import Search
 from errormodel.errors import NotSeparableError
 from errormodel.terms import Term
 from thermo.discrepancy_source import Fitted, ThermalSource

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from errormodel.arrays import FloatArray
+from errormodel.discrepancy.choices import Choice
 from errormodel.discrepancy.coloured import NoiseShape
 from errormodel.discrepancy.problem import Candidate, Problem, Signature, Theta, independent
-from errormodel.discrepancy.search import Choice
 from errormodel.fit import derivative
 from errormodel.model import ErrorModel
 from errormodel.record import Record

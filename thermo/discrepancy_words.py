@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from errormodel.arrays import FloatArray
+from errormodel.discrepancy.choices import SearchResult
 from errormodel.discrepancy.floor import NoiseFloor
 from errormodel.discrepancy.gate import FactorFinding, Judgement
-from errormodel.discrepancy.search import SearchResult
 from errormodel.model import ErrorModel
 from thermo.discrepancy_source import Fitted, ThermalSource
 

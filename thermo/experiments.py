@@ -11,10 +11,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from errormodel.arrays import FloatArray
+from errormodel.discrepancy.choices import SearchResult
 from errormodel.discrepancy.floor import NoiseFloor
 from errormodel.discrepancy.gate import Judgement
 from errormodel.discrepancy.scan import Prepared, View
-from errormodel.discrepancy.search import SearchResult
 from errormodel.errors import InputError
 from thermo.discrepancy_source import Fitted, ThermalSource
 from thermo.experiment_menu import Item, menu

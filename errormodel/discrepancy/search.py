@@ -1,151 +1,15 @@
 """The search: one effect after another, each slot tried again once the others are known."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
-from typing import Protocol
-
-import numpy as np
+from dataclasses import dataclass, replace
 
 from errormodel.arrays import FloatArray
-from errormodel.discrepancy.coloured import NoiseShape
+from errormodel.discrepancy.choices import Choice, Rules, SearchResult, Slot, Source
 from errormodel.discrepancy.events import event_ratios, events_of
 from errormodel.discrepancy.floor import NoiseFloor, estimate_floor
 from errormodel.discrepancy.nulls import Calibration
-from errormodel.discrepancy.problem import Candidate, Problem, Signature, Theta
+from errormodel.discrepancy.problem import Candidate, Problem, Signature
 from errormodel.discrepancy.scan import Found, Prepared, View
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Rules:
-    """The thresholds, frozen before any benchmark is run.
-
-    Attributes
-    ----------
-    alpha, alpha_event : float
-        False-alarm rates of the effects that repeat and of the events, each as a whole, for one
-        to enter.
-    least : float
-        What an effect must explain beyond luck beside the others, to keep its name.
-    further : float
-        What a further effect must explain, beyond luck, beside one that is named already: the
-        shape of the first is never known quite.
-    alpha_rest : float
-        The same for what is left to be called unexplained.
-    alias : float
-        Effects whose gain (beyond its mean under the null) is within this of the best cannot be
-        told from it. Two effects that truly differ by this in expectation are taken for each
-        other in about one case in 700.
-    share : float
-        What the named effects must explain of the excess for their names to stand.
-    supple : float
-        A more supple member of a family must gain this, beyond twice its further unknowns.
-    relative : float
-        An effect weaker than this share of a named one, in a pattern that the named one half
-        imitates, is told as the shape of that one and not by a name of its own.
-    most : int
-        Effects named at most.
-    """
-
-    alpha: float = 0.003
-    alpha_event: float = 0.008
-    least: float = 10.0
-    further: float = 30.0
-    alpha_rest: float = 0.002
-    alias: float = 9.0
-    share: float = 0.6
-    supple: float = 9.0
-    relative: float = 0.15
-    most: int = 3
-
-
-@dataclass(frozen=True, slots=True)
-class Choice:
-    """An effect put into the model, at its nonlinear parameters; `rich` the supple member."""
-
-    name: str
-    theta: Theta
-    rich: bool = False
-
-
-class Source(Protocol):
-    """What makes the engine's problem of a model with some effects added."""
-
-    def problem(self, chosen: Sequence[Choice], shape: NoiseShape) -> Problem:
-        """Return the problem of the enlarged model, refitted under a noise."""
-        ...
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class LinearSource:
-    """A source for a problem that is linear in everything, as a filter's innovations are.
-
-    The effects chosen join the baseline by their signature's columns.
-    """
-
-    start: Problem
-
-    def problem(self, chosen: Sequence[Choice], shape: NoiseShape) -> Problem:
-        """Return the problem with the chosen effects' columns in the baseline."""
-        del shape
-        by_name = {c.name: c for c in self.start.candidates}
-        added = [by_name[c.name].signature(c.theta).columns for c in chosen]
-        names = {c.name for c in chosen}
-        return Problem(
-            times=self.start.times,
-            residual=self.start.residual,
-            base=np.hstack([self.start.base, *added]),
-            candidates=tuple(c for c in self.start.candidates if c.name not in names),
-            saturated=np.hstack([self.start.saturated, *added]),
-            factors=self.start.factors,
-            noise=self.start.noise,
-            sigma=self.start.sigma,
-            events=self.start.events,
-        )
-
-
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Slot:
-    """One named effect and its rivals.
-
-    Attributes
-    ----------
-    choice : Choice
-    gain : float
-        Chi-square it explains beside the other effects.
-    p_value : float
-        Of that gain, over the library.
-    rivals : tuple of (str, float)
-        Every other effect with how far its score lies below, nearest first.
-    alias : tuple of str
-        The names that cannot be told apart, the best first; one name alone: it is named.
-    """
-
-    choice: Choice
-    gain: float
-    p_value: float
-    rivals: tuple[tuple[str, float], ...]
-    alias: tuple[str, ...]
-
-
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class SearchResult:
-    """What the search found.
-
-    Attributes
-    ----------
-    slots : tuple of Slot
-    floor : NoiseFloor
-        The noise the last steps were judged by.
-    explained : float
-        Chi-square that the effects explain together.
-    first : tuple of Found
-        Every candidate on the residual of the present model.
-    """
-
-    slots: tuple[Slot, ...]
-    floor: NoiseFloor
-    explained: float
-    first: tuple[Found, ...] = field(default=())
 
 
 def chi_square(view: View) -> float:
@@ -250,11 +114,27 @@ class Search:
             else r
             for r in ranked
         ]
-        # what repeats comes first: missing from the mean, it would pose as an event
-        return sorted(
-            made,
-            key=lambda r: (r.found.candidate.event or not self._enters(r), -r.score),
-        )
+        return self._in_order(view, sorted(made, key=lambda r: -r.score))
+
+    def _in_order(self, view: View, ranked: list[Ranked]) -> list[Ranked]:
+        """Put first what enters first: of what repeats and of events, whichever is likelier.
+
+        What repeats poses as an event while it is missing, and an event as what repeats, so the
+        two are compared by the same likelihood ratio.
+        """
+        entering = [r for r in ranked if self._enters(r)]
+        steady = next((r for r in entering if not r.found.candidate.event), None)
+        event = next((r for r in entering if r.found.candidate.event), None)
+        first = steady or event
+        if steady and event:
+            found = steady.found
+            signature = found.candidate.signature(found.theta)
+            alone = Candidate(name=found.candidate.name, signature=lambda theta: signature)
+            data = view.problem.residual[:, None]
+            ratio = event_ratios(view.problem, self.laws.shapes, data, [alone])[0, 0]
+            if ratio - self._luck(found.candidate.name) < event.score:
+                first = event
+        return ranked if first is None else [first, *(r for r in ranked if r is not first)]
 
     def _enters(self, one: Ranked) -> bool:
         event = one.found.candidate.event
@@ -325,7 +205,13 @@ class Search:
 
     def _slot(self, others: Sequence[Choice], present: Choice) -> Slot | None:
         view = self.view(others)
-        ranked = _simplest_first(self._with_rich(view, self.ranked(view), present))
+        ranked = self.ranked(view)
+        if all(c.event for c in view.problem.candidates):
+            # nothing is known to repeat: a noise estimated beside one of them favours that one
+            ranked = self._with_ratios(view, ranked)
+        else:
+            ranked = self._with_rich(view, ranked, present)
+        ranked = _simplest_first(ranked)
         best = ranked[0].found
         name = best.candidate.name
         # an event was judged when it entered; the noise has since been estimated beside it
