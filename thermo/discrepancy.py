@@ -54,7 +54,9 @@ class Discrepancy:
     foresight : Foresight
     floor : NoiseFloor
     before, after : Fitted
-        The present model and the enlarged one.
+        The present model and the enlarged one, fitted under the noise found: parameters, sigmas.
+    plain_before, plain_after : Fitted
+        The same with readings weighed alike: residuals.
     effects : tuple of EffectFound
     where : FactorFinding or None
         The factor that carries the excess.
@@ -76,6 +78,8 @@ class Discrepancy:
     floor: NoiseFloor
     before: Fitted
     after: Fitted
+    plain_before: Fitted
+    plain_after: Fitted
     effects: tuple[EffectFound, ...]
     where: FactorFinding | None
     where_text: str
@@ -214,6 +218,7 @@ class _Work:
             choices = ()
         before = source.fitted((), floor.shape)
         after = source.fitted(choices, floor.shape)
+        plain = source.fitted((), EQUAL), source.fitted(choices, EQUAL)
         places = locate(search.view([]), laws)
         where = _where(places, verdict)
         self.say(f"{source.channel.serial}: runs held out")
@@ -232,11 +237,13 @@ class _Work:
             floor=floor,
             before=before,
             after=after,
+            plain_before=plain[0],
+            plain_after=plain[1],
             effects=found,
             where=where,
             where_text=where_text(where, verdict),
-            rms_before_ug=rms(reading_residual_ug(source.channel, source.fitted((), EQUAL))),
-            rms_after_ug=rms(reading_residual_ug(source.channel, source.fitted(choices, EQUAL))),
+            rms_before_ug=rms(reading_residual_ug(source.channel, plain[0])),
+            rms_after_ug=rms(reading_residual_ug(source.channel, plain[1])),
             floor_ug=floor_ug(source, after, floor, search.view([]).problem.saturated),
             heldout=heldout,
             experiment=propose(source, result, verdict, invisible, floor),

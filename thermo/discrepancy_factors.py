@@ -1,7 +1,5 @@
 """What a chamber run's residual may follow, and all of it that would repeat in a new run."""
 
-from itertools import pairwise
-
 import numpy as np
 from scipy.interpolate import BSpline
 
@@ -151,9 +149,3 @@ def saturated_columns(seen: Seen) -> FloatArray:
                 break
         columns.append(_rate(seen.rate))
     return independent(np.hstack(columns))
-
-
-def rate_edges(seen: Seen) -> list[tuple[float, float]]:
-    """Return the cells of rate that a picture shows."""
-    edges = np.unique(np.round(np.quantile(seen.rate, np.linspace(0, 1, RATE_BINS)), 3))
-    return [(float(a), float(b)) for a, b in pairwise(edges.tolist())]

@@ -7,6 +7,7 @@ import numpy as np
 from errormodel.arrays import FloatArray
 from thermo.discrepancy import Discrepancy
 from thermo.inputs import COOLING, HEATING
+from workbench.console import number
 from workbench.plotting import (
     COLOURS,
     COOLING_COLOUR,
@@ -39,7 +40,7 @@ def draw_factor(d: Discrepancy) -> Picture:
     """Draw the residual before and after over the factor that shows it best."""
     name = d.where.name if d.where else "temperature"
     x = _along(d, name)
-    before, after = d.before.residual, d.after.residual
+    before, after = d.plain_before.residual, d.plain_after.residual
     unit, divisor = unit_of(before, after)
     figure = new_figure(10.0, 4.2)
     panels = figure.subplots(1, 2, sharey=True)
@@ -50,7 +51,12 @@ def draw_factor(d: Discrepancy) -> Picture:
         _draw(axes, d, name, x, values / divisor, handles)
         rms = float(np.sqrt(np.mean(values**2))) / divisor
         label = f"residual, {unit}" if axes is panels[0] else ""
-        dress(axes, title=f"{title}: {rms:.3g} {unit} rms of block means", x=AXIS[name], y=label)
+        dress(
+            axes,
+            title=f"{title}: {number(rms, 3)} {unit} rms of block means",
+            x=AXIS[name],
+            y=label,
+        )
     legend_below(figure, list(handles.values()), list(handles))
     caption = (
         f"{d.serial}: residual of block means over {AXIS[name].partition(',')[0]}, with the "
