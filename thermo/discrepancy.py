@@ -6,10 +6,11 @@ effects is tried, the effect found is added and judged on runs that were held ou
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from errormodel.discrepancy.choices import Rules, SearchResult
 from errormodel.discrepancy.coloured import NoiseShape
 from errormodel.discrepancy.floor import NoiseFloor, estimate_floor
 from errormodel.discrepancy.foresight import Foresight, foresee
@@ -17,10 +18,11 @@ from errormodel.discrepancy.gate import FactorFinding, Judgement, judge, locate
 from errormodel.discrepancy.nulls import Calibration, calibrate
 from errormodel.discrepancy.problem import Problem
 from errormodel.discrepancy.scan import View
-from errormodel.discrepancy.search import Rules, Search, SearchResult
+from errormodel.discrepancy.search import Search
 from errormodel.errors import InputError
 from errormodel.model import ErrorModel
-from thermo.discrepancy_heldout import HeldOut, held_out, reading_residual_ug, rms
+from thermo.discrepancy_floor import floor_ug
+from thermo.discrepancy_heldout import EQUAL, HeldOut, held_out, reading_residual_ug, rms
 from thermo.discrepancy_source import Fitted, ThermalSource
 from thermo.discrepancy_words import EffectFound, effects_found, where_text
 from thermo.effects import EFFECTS, ThermalEffect
@@ -52,7 +54,9 @@ class Discrepancy:
     foresight : Foresight
     floor : NoiseFloor
     before, after : Fitted
-        The present model and the enlarged one.
+        The present model and the enlarged one, fitted under the noise found: parameters, sigmas.
+    plain_before, plain_after : Fitted
+        The same with readings weighed alike: residuals.
     effects : tuple of EffectFound
     where : FactorFinding or None
         The factor that carries the excess.
@@ -74,6 +78,8 @@ class Discrepancy:
     floor: NoiseFloor
     before: Fitted
     after: Fitted
+    plain_before: Fitted
+    plain_after: Fitted
     effects: tuple[EffectFound, ...]
     where: FactorFinding | None
     where_text: str
@@ -96,6 +102,8 @@ class Discrepancy:
     @property
     def alias_sets(self) -> tuple[tuple[str, ...], ...]:
         """Effects that these data cannot tell apart."""
+        if self.verdict != "alias":
+            return ()
         return tuple(s.alias for s in self.result.slots if len(s.alias) > 1)
 
 
@@ -145,7 +153,7 @@ def find_discrepancy(
     InputError
         If an accelerometer has too few readings.
     """
-    say = tell or (lambda line: None)
+    say: Tell = tell or _silent
     given = model or TermsFile()
     made: list[Discrepancy] = []
     for serial in runs.serials:
@@ -160,13 +168,19 @@ def find_discrepancy(
     return tuple(made)
 
 
+def _silent(line: str) -> None:
+    """Tell nobody."""
+
+
 class _Work:
     """The steps for one accelerometer."""
 
     def __init__(
         self, source: ThermalSource, t_ref_c: float, rules: Rules, draws: int, seed: int, say: Tell
     ) -> None:
-        self.source, self.t_ref_c, self.rules = source, t_ref_c, rules
+        self.source, self.t_ref_c = source, t_ref_c
+        # one run does not carry a second name
+        self.rules = rules if source.seen.runs > 1 else replace(rules, most=1)
         self.draws, self.seed, self.say = draws, seed, say
 
     def run(self) -> Discrepancy:
@@ -204,6 +218,7 @@ class _Work:
             choices = ()
         before = source.fitted((), floor.shape)
         after = source.fitted(choices, floor.shape)
+        plain = source.fitted((), EQUAL), source.fitted(choices, EQUAL)
         places = locate(search.view([]), laws)
         where = _where(places, verdict)
         self.say(f"{source.channel.serial}: runs held out")
@@ -222,12 +237,14 @@ class _Work:
             floor=floor,
             before=before,
             after=after,
+            plain_before=plain[0],
+            plain_after=plain[1],
             effects=found,
             where=where,
             where_text=where_text(where, verdict),
-            rms_before_ug=rms(reading_residual_ug(source.channel, before)),
-            rms_after_ug=rms(reading_residual_ug(source.channel, after)),
-            floor_ug=float(np.hypot(white_ug, drift)),
+            rms_before_ug=rms(reading_residual_ug(source.channel, plain[0])),
+            rms_after_ug=rms(reading_residual_ug(source.channel, plain[1])),
+            floor_ug=floor_ug(source, after, floor, search.view([]).problem.saturated),
             heldout=heldout,
             experiment=propose(source, result, verdict, invisible, floor),
         )

@@ -70,5 +70,6 @@ def blocks_of(channel: Channel) -> Blocks:
     starts = np.flatnonzero(np.concatenate([[True], (np.diff(dwell) != 0) | (np.diff(piece) != 0)]))
     counts = np.diff(np.append(starts, time_s.size)).astype(float)
     mean_s = np.add.reduceat(time_s, starts) / counts
-    times = TimeBase(mean_s, run[starts], float(np.median(counts)) / counts)
+    elapsed_s = 3600.0 * np.add.reduceat(record["elapsed_h"], starts) / counts
+    times = TimeBase(mean_s, run[starts], float(np.median(counts)) / counts, elapsed_s)
     return Blocks(starts=starts, counts=counts, times=times)

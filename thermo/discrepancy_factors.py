@@ -1,7 +1,5 @@
 """What a chamber run's residual may follow, and all of it that would repeat in a new run."""
 
-from itertools import pairwise
-
 import numpy as np
 from scipy.interpolate import BSpline
 
@@ -77,26 +75,28 @@ class Seen:
 
 
 def factors_of(seen: Seen) -> tuple[Factor, ...]:
-    """Return the factors a verdict may point at."""
+    """Return the factors a verdict may point at; one run alone tells nothing of what repeats."""
+    again = seen.runs > 1
     n_groups = int(seen.position.max()) + 1
     coarse = splines(seen.temp, COARSE_C)
     made = [
-        Factor(name="temperature", groups=(splines(seen.temp, FINE_C),), repeatable=True),
-        Factor(name="direction", groups=(by_label(coarse, seen.side()),), repeatable=True),
-        Factor(name="rate", groups=(_rate(seen.rate),), repeatable=True),
-        Factor(name="time_in_run", groups=(splines(seen.time_s, TIME_KNOT_S),), repeatable=True),
+        Factor(name="temperature", groups=(splines(seen.temp, FINE_C),), repeatable=again),
+        Factor(name="direction", groups=(by_label(coarse, seen.side()),), repeatable=again),
+        Factor(name="rate", groups=(_rate(seen.rate),), repeatable=again),
         Factor(name="time", groups=_periods(seen), repeatable=False),
     ]
     if seen.has_input and 1 < n_groups <= MAX_POSITIONS:
         slope = np.column_stack([np.ones(seen.temp.size), seen.temp])
         made.append(
-            Factor(name="position", groups=(by_label(slope, seen.position),), repeatable=True)
+            Factor(name="position", groups=(by_label(slope, seen.position),), repeatable=again)
         )
         if float(np.max(seen.dwell)) > 4.0 * seen.blocks.times.step_s:
             made.append(
-                Factor(name="rotation_phase", groups=(_phase(seen.dwell),), repeatable=True)
+                Factor(name="rotation_phase", groups=(_phase(seen.dwell),), repeatable=again)
             )
-    if seen.runs > 1:
+    if again:
+        whole = splines(seen.time_s, TIME_KNOT_S)
+        made.append(Factor(name="time_in_run", groups=(whole,), repeatable=True))
         columns = by_label(splines(seen.time_s, 3.0 * TIME_KNOT_S), seen.run)
         made.append(Factor(name="run", groups=(columns,), repeatable=False))
     return tuple(made)
@@ -135,7 +135,7 @@ def saturated_columns(seen: Seen) -> FloatArray:
     With a single run nothing is known to repeat, and temperature by direction is time itself:
     then only what no time can imitate is taken, the position.
     """
-    columns = [np.ones((seen.temp.size, 1))]
+    columns: list[FloatArray] = [np.ones((seen.temp.size, 1))]
     n_positions = int(seen.position.max()) + 1
     few = seen.has_input and 1 < n_positions <= MAX_POSITIONS
     if few:
@@ -149,9 +149,3 @@ def saturated_columns(seen: Seen) -> FloatArray:
                 break
         columns.append(_rate(seen.rate))
     return independent(np.hstack(columns))
-
-
-def rate_edges(seen: Seen) -> list[tuple[float, float]]:
-    """Return the cells of rate that a picture shows."""
-    edges = np.unique(np.round(np.quantile(seen.rate, np.linspace(0, 1, RATE_BINS)), 3))
-    return [(float(a), float(b)) for a, b in pairwise(edges.tolist())]

@@ -1,16 +1,21 @@
 """The gap on runs that the choice of effect has not seen."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from errormodel.arrays import FloatArray
-from errormodel.discrepancy.search import Choice, Search
+from errormodel.discrepancy.choices import Choice
+from errormodel.discrepancy.coloured import NoiseShape
+from errormodel.discrepancy.search import Search
 from errormodel.errors import NotSeparableError
 from errormodel.terms import Term
 from thermo.discrepancy_source import Fitted, ThermalSource
 from thermo.inputs import Channel
+
+# Predictions weigh readings alike: the smallest rms, whatever colour the noise is taken to have.
+EQUAL = NoiseShape()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -75,8 +80,8 @@ def held_out(source: ThermalSource, search: Search, choices: Sequence[Choice]) -
         part = ThermalSource(seen, source.model, source.effects)
         try:
             chosen = _chosen(part, search) if choices else ()
-            before = _predicted(unseen, part.fitted((), search.floor.shape))
-            after = _predicted(unseen, part.fitted(chosen, search.floor.shape))
+            before = _predicted(unseen, part.fitted((), EQUAL))
+            after = _predicted(unseen, part.fitted(chosen, EQUAL))
         except (NotSeparableError, np.linalg.LinAlgError):
             return None
         gaps.append(
@@ -101,7 +106,7 @@ def held_out(source: ThermalSource, search: Search, choices: Sequence[Choice]) -
 
 def _chosen(part: ThermalSource, search: Search) -> tuple[Choice, ...]:
     """Repeat the choice on fewer runs, under the noise and the null laws of all."""
-    again = Search(part, search.floor, search.laws, search.rules)
+    again = Search(part, search.floor, replace(search.laws, shapes=()), search.rules)
     return again.chosen()
 
 

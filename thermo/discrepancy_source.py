@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from errormodel.arrays import FloatArray
+from errormodel.discrepancy.choices import Choice
 from errormodel.discrepancy.coloured import NoiseShape
 from errormodel.discrepancy.problem import Candidate, Problem, Signature, Theta, independent
-from errormodel.discrepancy.search import Choice
 from errormodel.fit import derivative
 from errormodel.model import ErrorModel
 from errormodel.record import Record
@@ -71,6 +71,16 @@ class ThermalSource:
     def forms(self, effect: ThermalEffect) -> Sequence[Form]:
         """Return the forms of an effect that may be added to the present model."""
         return effect.forms(self._context)
+
+    def instants_about(self, theta: Theta) -> tuple[Theta, ...]:
+        """Return the instants of readings between an instant's neighbours on the grid of steps."""
+        grid = np.array(self._context.step_times_h)
+        k = int(np.argmin(np.abs(grid - theta[0])))
+        lo, hi = grid[max(k - 1, 0)], grid[min(k + 1, grid.size - 1)]
+        elapsed = self.channel.record["elapsed_h"]
+        inside = elapsed[(elapsed > lo) & (elapsed < hi)]
+        every = max(1, inside.size // STEP_TRIALS)
+        return tuple((t,) for t in inside[::every].tolist())
 
     def holds(self, effect: ThermalEffect) -> bool:
         """Tell whether the present model has an effect already."""
@@ -154,7 +164,7 @@ class ThermalSource:
         left = [e for e in self.effects if e.name not in names]
         candidates = _Candidates(self, fitted).of(left)
         if self._reps is None:
-            self._reps = _representatives(candidates)
+            self._reps = _representatives(candidates, fitted.residual.size)
         return Problem(
             times=self.blocks.times,
             residual=fitted.residual,
@@ -240,7 +250,9 @@ class _Candidates:
             signature=signature,
             grid=form.grid,
             bounds=tuple(bounds[p] for p in form.parameters) if form.smooth else (),
-            event=effect.event,
+            finer=None if form.smooth else self.source.instants_about,
+            # one run tells nothing of what repeats: everything is judged beside its own noise
+            event=effect.event or self.source.seen.runs == 1,
             richer=rich,
         )
 
@@ -283,7 +295,7 @@ class _Candidates:
         return record
 
 
-def _representatives(candidates: Sequence[Candidate]) -> FloatArray:
+def _representatives(candidates: Sequence[Candidate], rows: int) -> FloatArray:
     """Return signatures that stand for what may be missing and would repeat, for the noise."""
     pieces: list[FloatArray] = []
     for candidate in (c for c in candidates if not c.event):
@@ -291,4 +303,4 @@ def _representatives(candidates: Sequence[Candidate]) -> FloatArray:
         chosen = every[:: max(1, len(every) // 4)]
         for s in chosen:
             pieces.append(s.columns if s.offset is None else s.offset[:, None])
-    return independent(np.hstack(pieces), 1e-4)
+    return independent(np.hstack([np.zeros((rows, 0)), *pieces]), 1e-4)

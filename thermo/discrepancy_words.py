@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from errormodel.arrays import FloatArray
+from errormodel.discrepancy.choices import SearchResult
 from errormodel.discrepancy.floor import NoiseFloor
 from errormodel.discrepancy.gate import FactorFinding, Judgement
-from errormodel.discrepancy.search import SearchResult
 from errormodel.model import ErrorModel
 from thermo.discrepancy_source import Fitted, ThermalSource
 
@@ -26,7 +26,7 @@ FACTOR_WORDS: Mapping[str, str] = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ParameterValue:
-    """A size as reported."""
+    """A size as reported; sigma is NaN for an instant, which is found among the readings."""
 
     value: float
     sigma: float
@@ -58,7 +58,7 @@ def parameter_values(
     return {
         name: ParameterValue(
             value=value * units[name][0],
-            sigma=sigmas.get(name, 0.0) * abs(units[name][0]),
+            sigma=sigmas.get(name, float("nan")) * abs(units[name][0]),
             unit=units[name][1],
         )
         for name, value in fitted.values.items()
@@ -114,7 +114,7 @@ def _size(parameters: Mapping[str, ParameterValue]) -> str:
 
 
 def _digits(value: ParameterValue) -> str:
-    if value.sigma <= 0.0 or not np.isfinite(value.sigma):
+    if not np.isfinite(value.sigma) or value.sigma <= 0.0:
         return f"{value.value:.4g}".replace("-", "−")
     digits = max(0, 1 - int(np.floor(np.log10(value.sigma))))
     return f"{value.value:.{digits}f} ± {value.sigma:.{digits}f}".replace("-", "−")

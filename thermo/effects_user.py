@@ -38,7 +38,7 @@ def load_effects(path: Path | None) -> Sequence[ThermalEffect]:
         spec.loader.exec_module(module)
     except Exception as err:
         raise InputError(path, "", f"{type(err).__name__}: {err}") from None
-    effects = tuple(getattr(module, "EFFECTS", ()))
+    effects: tuple[ThermalEffect, ...] = tuple(getattr(module, "EFFECTS", ()))
     if not effects or not all(isinstance(e, ThermalEffect) for e in effects):
         raise InputError(path, "EFFECTS", "expected a sequence of thermo.effects.ThermalEffect")
     known = {e.name for e in EFFECTS}

@@ -2,7 +2,8 @@
 
 Signals: `a_i_g`, `a_p_g`, `a_o_g` (specific force along IA, PA, OA in local g, OA = IA × PA),
 `x_c` (temperature less the reference temperature, °C), `x_slow_c` (the same without the
-thermistor's noise), `rate_c_per_min`, `elapsed_h` (since the first run began). The model's unit is g at the input.
+thermistor's noise), `rate_c_per_min`, `elapsed_h` (since the first run began). The model's unit is
+g at the input.
 """
 
 from collections.abc import Callable

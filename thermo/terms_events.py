@@ -24,7 +24,7 @@ from errormodel.terms import (
 )
 
 MICRO = 1e6
-MAX_RUNS = 24  # whose turn-on offsets have names
+MAX_RUNS = 12  # whose turn-on offsets have names
 # Play radii of a loop of many hysterons, °C: from hardly a loop to half the widest chamber range.
 PLAY_RADII_C = (1.5, 4.0, 9.0, 18.0, 36.0)
 
@@ -114,7 +114,8 @@ def indexer_harmonic(order: int) -> Term:
 
     def columns(record: Record) -> FloatArray:
         angle = order * np.arctan2(record["a_i_g"], record["a_p_g"])
-        return record["a_p_g"][:, None] * np.column_stack([np.sin(angle), np.cos(angle)])
+        error = np.column_stack([np.sin(angle), np.cos(angle)])
+        return np.round(record["a_p_g"][:, None] * error, 12)  # what is zero shall be zero
 
     return Term(
         name=name,

@@ -4,7 +4,8 @@ Each slow process is an Ornstein-Uhlenbeck process that starts afresh with every
 stationary law or from zero. One of them is bias instability; one whose correlation time is many
 times a run and that starts from zero is a random walk (where a run begins is then an offset of its
 own, which is an effect with a name); five of them spaced evenly in the logarithm of the
-correlation time, all of one variance, are flicker noise. Whitening is the innovation sequence of the Kalman
+correlation time, all of one variance, are flicker noise. Whitening is the innovation sequence of
+the Kalman
 filter of the sum, in linear time.
 """
 
@@ -92,11 +93,14 @@ class TimeBase:
     run : ndarray of int, shape (n,)
     white2 : ndarray, shape (n,)
         Relative variance of the white part; a mean of k readings has 1/k.
+    elapsed_s : ndarray, shape (n,)
+        From the first run's start, s: for noise that goes on between runs.
     """
 
     time_s: FloatArray
     run: IntArray
     white2: FloatArray
+    elapsed_s: FloatArray
 
     def __len__(self) -> int:
         return self.time_s.size
@@ -114,7 +118,7 @@ class TimeBase:
 
     def take(self, rows: IntArray) -> "TimeBase":
         """Return some samples; runs keep their numbers."""
-        return TimeBase(self.time_s[rows], self.run[rows], self.white2[rows])
+        return TimeBase(self.time_s[rows], self.run[rows], self.white2[rows], self.elapsed_s[rows])
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,12 +134,15 @@ class NoiseShape:
         Correlation time of each, s.
     settled : bool
         Whether each run begins in the processes' stationary law; otherwise they begin from zero.
+    continued : bool
+        Whether they go on between the runs.
     """
 
     family: str = "white"
     variance: tuple[float, ...] = ()
     tau_s: tuple[float, ...] = ()
     settled: bool = True
+    continued: bool = False
 
     def whitener(self, base: TimeBase) -> "Whitener":
         """Return what decorrelates columns on a time base."""
@@ -161,7 +168,10 @@ class Whitener:
     def __init__(self, shape: NoiseShape, base: TimeBase) -> None:
         var, tau = np.array(shape.variance, dtype=float), np.array(shape.tau_s, dtype=float)
         start = var if shape.settled else 0.0 * var
-        self._keep, self._gain, total = _gains(base.time_s, base.run, base.white2, var, tau, start)
+        time_s, run = base.time_s, base.run
+        if shape.continued:
+            time_s, run = base.elapsed_s, np.zeros_like(base.run)
+        self._keep, self._gain, total = _gains(time_s, run, base.white2, var, tau, start)
         self._root = np.sqrt(total)
         self.log_det = float(np.sum(np.log(total)))
 
@@ -193,10 +203,14 @@ def drifting(ratio2: float, tau_s: float) -> NoiseShape:
     return NoiseShape("drift", (ratio2,), (tau_s,))
 
 
-def walking(ratio2: float, base: TimeBase) -> NoiseShape:
-    """Return white noise with a random walk that has `ratio2` of variance after the longest run."""
+def walking(ratio2: float, base: TimeBase, *, continued: bool) -> NoiseShape:
+    """Return white noise with a random walk that has `ratio2` of variance after the longest run.
+
+    It begins from zero with every run, or goes on through the rests between them.
+    """
     tau_s = WALK_SPANS * base.span_s
-    return NoiseShape("walk", (0.5 * WALK_SPANS * ratio2,), (tau_s,), settled=False)
+    variance = (0.5 * WALK_SPANS * ratio2,)
+    return NoiseShape("walk", variance, (tau_s,), settled=False, continued=continued)
 
 
 def flicker(ratio2: float, base: TimeBase) -> NoiseShape:

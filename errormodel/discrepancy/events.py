@@ -13,10 +13,12 @@ import numpy as np
 from errormodel.arrays import FloatArray
 from errormodel.discrepancy.coloured import NoiseShape
 from errormodel.discrepancy.floor import PENALTY, NoiseFloor, Restricted, estimate_floor
-from errormodel.discrepancy.problem import Candidate, Problem, independent
+from errormodel.discrepancy.problem import Candidate, Problem, columns_of, independent
 from errormodel.discrepancy.scan import Prepared, View
 
-MANY = 40  # more points of a grid than this cannot stand beside the noise
+MOST_SHAPES = 12  # of either kind, over which likelihoods are maximised
+# More points of a grid than this cannot all stand beside the noise: so many do for them.
+MANY, STAND_INS = 40, 12
 
 
 def events_of(problem: Problem) -> tuple[Candidate, ...]:
@@ -29,18 +31,21 @@ def shapes_allowed(problem: Problem, floor: NoiseFloor) -> tuple[NoiseShape, ...
     columns = [problem.saturated]
     for candidate in events_of(problem):
         every = candidate.prepared()
-        if len(every) <= MANY:
-            columns += [s.columns for s in every[:: max(1, len(every) // 4)]]
+        count = 4 if len(every) <= MANY else STAND_INS
+        columns += [columns_of(s) for s in every[:: max(1, len(every) // count)]]
     beside = independent(np.hstack(columns), 1e-4)
     other = estimate_floor(problem.times, problem.residual, beside)
-    shapes = [s for _, s in (*floor.support, *other.support)]
+    shapes = [s for f in (floor, other) for _, s in f.support[:MOST_SHAPES]]
     return tuple(dict.fromkeys(shapes))
 
 
 def event_ratios(
-    problem: Problem, shapes: Sequence[NoiseShape], residuals: FloatArray
+    problem: Problem,
+    shapes: Sequence[NoiseShape],
+    residuals: FloatArray,
+    candidates: Sequence[Candidate] | None = None,
 ) -> FloatArray:
-    """Return twice the log-likelihood ratio of each event candidate, shape (events, D).
+    """Return twice the log-likelihood ratio of each candidate, shape (candidates, D).
 
     The mean is the present model alone: beside everything that repeats, too little of a slow
     relaxation would be left. An effect that repeats must therefore be in the model first.
@@ -51,8 +56,10 @@ def event_ratios(
     shapes : sequence of NoiseShape
         Over which the likelihood is maximised, with each effect and without.
     residuals : ndarray, shape (n, D)
+    candidates : sequence of Candidate, optional
+        By default the events.
     """
-    events = events_of(problem)
+    events = events_of(problem) if candidates is None else tuple(candidates)
     judge = Restricted(problem.times, problem.base)
     beside = Problem(
         times=problem.times,

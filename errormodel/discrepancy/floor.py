@@ -24,6 +24,7 @@ from errormodel.discrepancy.problem import independent
 
 # Shapes whose log-likelihood is this far below the best are not drawn from: 3 sigma.
 REACH = 4.5
+MOST_SHAPES = 24  # of these, that a search keeps: more would only lie between them
 # What each family must gain over white noise: its number of unknowns (Akaike).
 PENALTY = {"white": 0.0, "flicker": 1.0, "walk": 1.0, "drift": 2.0}
 
@@ -98,10 +99,12 @@ def estimate_floor(times: TimeBase, residual: FloatArray, saturated: FloatArray)
     like(NoiseShape())
     _search_drift(like, times)
     _search_one(like, lambda r: flicker(r, times))
-    _search_one(like, lambda r: walking(r, times))
+    _search_one(like, lambda r: walking(r, times, continued=False))
+    _search_one(like, lambda r: walking(r, times, continued=True))
     best = max(seen, key=lambda s: seen[s][0])
     top = seen[best][0]
-    kept = {s: v for s, (v, _) in seen.items() if top - v < REACH}
+    likely = sorted(seen, key=lambda s: -seen[s][0])[:MOST_SHAPES]
+    kept = {s: seen[s][0] for s in likely if top - seen[s][0] < REACH}
     weights = {s: float(np.exp(v - top)) for s, v in kept.items()}
     total = sum(weights.values())
     return NoiseFloor(
@@ -119,9 +122,9 @@ def _search_drift(like: Callable[[NoiseShape], float], times: TimeBase) -> None:
     def at(point: FloatArray) -> float:
         return like(drifting(float(np.exp(point[0])), float(np.exp(point[1]))))
 
-    points = [
-        np.array([r, t]) for r in np.linspace(lo[0], hi[0], 7) for t in np.linspace(lo[1], hi[1], 6)
-    ]
+    ratios = np.linspace(float(lo[0]), float(hi[0]), 7).tolist()
+    taus = np.linspace(float(lo[1]), float(hi[1]), 6).tolist()
+    points: list[FloatArray] = [np.array([r, t]) for r in ratios for t in taus]
     best = max(points, key=at)
     for step in (0.8, 0.4):
         around = [
@@ -132,7 +135,7 @@ def _search_drift(like: Callable[[NoiseShape], float], times: TimeBase) -> None:
     # allow lie on it
     for along in np.arange(-4, 5) * 0.35:
         for across in (-0.25, 0.0, 0.25):
-            at(np.clip(best + [along + across, along - across], lo, hi))
+            at(np.clip(best + np.array([along + across, along - across]), lo, hi))
 
 
 def _search_one(

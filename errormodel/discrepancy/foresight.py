@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from errormodel.arrays import FloatArray
-from errormodel.discrepancy.problem import Candidate, Signature
-from errormodel.discrepancy.scan import View
+from errormodel.discrepancy.problem import Candidate, Signature, columns_of
+from errormodel.discrepancy.scan import NOTHING, ROUNDING, View
 
 # An effect is foreseen to be named at this whitened strength (seven sigma of its own size).
 NAMEABLE_D = 7.0
@@ -23,7 +23,8 @@ class Foresight:
     ----------
     names : tuple of str
     strength : ndarray, shape (m,)
-        Whitened length of the first column at the middle of its grid, per unit of its size; of an
+        Whitened length of the first column that is seen, at the middle of its grid, per unit of
+        its size; of an
         effect without a size, 0.
     least_theta : dict of str to float
         For an effect whose size is its nonlinear parameter: where it reaches `NAMEABLE_D`.
@@ -47,10 +48,6 @@ class Foresight:
         return tuple(n for n, s in zip(self.names, row, strict=True) if s > SAME and n != name)
 
 
-def _columns(signature: Signature) -> FloatArray:
-    return signature.columns if signature.offset is None else signature.offset[:, None]
-
-
 def foresee(view: View, candidates: Sequence[Candidate]) -> Foresight:
     """Tell what can be shown of each candidate under a noise.
 
@@ -59,13 +56,13 @@ def foresee(view: View, candidates: Sequence[Candidate]) -> Foresight:
     view : View
     candidates : sequence of Candidate
     """
-    middle = [_columns(c.prepared()[len(c.grid) // 2])[:, 0] for c in candidates]
+    middle = [columns_of(c.prepared()[len(c.grid) // 2])[:, 0] for c in candidates]
     targets = view.beside_base(view.white(np.column_stack(middle)))
     total = np.sum(targets**2, axis=0)
     imitated = np.zeros((len(candidates), len(candidates)))
     invisible: list[str] = []
     for j, candidate in enumerate(candidates):
-        linear = [Signature(columns=_columns(s)) for s in candidate.prepared()]
+        linear = [Signature(columns=columns_of(s)) for s in candidate.prepared()]
         points = view.points(linear)
         if not any(p.basis.shape[1] for p in points):
             invisible.append(candidate.name)
@@ -73,7 +70,8 @@ def foresee(view: View, candidates: Sequence[Candidate]) -> Foresight:
         gains = view.gains(points, targets).max(axis=0)
         imitated[:, j] = np.divide(gains, total, out=np.zeros_like(gains), where=total > 1e-12)
     least = {c.name: _least(view, c) for c in candidates if c.prepared()[0].offset is not None}
-    strength = np.sqrt(total) * np.array([c.name not in least for c in candidates])
+    seen = np.array([_seen(view, c) for c in candidates])
+    strength = seen * np.array([c.name not in least for c in candidates])
     return Foresight(
         names=tuple(c.name for c in candidates),
         strength=strength,
@@ -81,6 +79,15 @@ def foresee(view: View, candidates: Sequence[Candidate]) -> Foresight:
         invisible=tuple(invisible),
         imitated=np.clip(imitated, 0.0, 1.0),
     )
+
+
+def _seen(view: View, candidate: Candidate) -> float:
+    """Return the whitened length of an effect's first column that the measurement shows."""
+    middle = columns_of(candidate.prepared()[len(candidate.grid) // 2])
+    white = view.white(middle)
+    left = np.linalg.norm(view.beside_base(white), axis=0)
+    shown = left > NOTHING * np.linalg.norm(white, axis=0) + ROUNDING
+    return float(left[np.argmax(shown)]) if shown.any() else 0.0
 
 
 def _least(view: View, candidate: Candidate) -> float:
@@ -93,5 +100,6 @@ def _least(view: View, candidate: Candidate) -> float:
     k = int(enough[0])
     if k == 0:
         return float(values[0])
-    logs = np.log(np.maximum(strengths[k - 1 : k + 1], 1e-12))
-    return float(np.exp(np.interp(np.log(NAMEABLE_D), logs, np.log(values[k - 1 : k + 1]))))
+    below, above = np.log(np.maximum(strengths[k - 1 : k + 1], 1e-12)).tolist()
+    part = (np.log(NAMEABLE_D) - below) / max(above - below, 1e-12)
+    return float(values[k - 1] * (values[k] / values[k - 1]) ** part)

@@ -5,9 +5,10 @@ from typing import Literal
 
 import numpy as np
 
+from errormodel.discrepancy.choices import Rules, SearchResult
 from errormodel.discrepancy.nulls import Calibration
 from errormodel.discrepancy.scan import View
-from errormodel.discrepancy.search import Rules, SearchResult, residual_of
+from errormodel.discrepancy.search import residual_of
 
 Verdict = Literal["named", "alias", "unexplained_repeatable", "unexplained_noise", "nothing"]
 # What one resolved direction of a factor costs when factors are compared (ln of some 20 samples).
@@ -106,12 +107,13 @@ def judge(
     spikes = bursts(view)
     left = max((f.excess for f in repeating), default=0.0)
     share = result.explained / (result.explained + left) if result.explained else 0.0
-    loud, loud_noise = bool(repeating), bool(passing) or too_much_drift or spikes > BURSTS
+    loud, restless = bool(repeating), bool(passing) or spikes > BURSTS
+    loud_noise = restless or too_much_drift
     events = result.slots and all(_is_event(view, s.choice.name) for s in result.slots)
     verdict: Verdict = "nothing"
     if loud and share < rules.share:
         verdict = "unexplained_repeatable"
-    elif loud_noise and (not result.slots or events):
+    elif (loud_noise and not result.slots) or (restless and events):
         verdict = "unexplained_noise"
     elif result.slots:
         verdict = "alias" if any(len(s.alias) > 1 for s in result.slots) else "named"

@@ -13,7 +13,7 @@ import numpy as np
 from errormodel.arrays import FloatArray
 from errormodel.discrepancy.coloured import NoiseShape, TimeBase
 from errormodel.discrepancy.events import event_ratios, shapes_allowed
-from errormodel.discrepancy.floor import NoiseFloor, Restricted
+from errormodel.discrepancy.floor import PENALTY, NoiseFloor, Restricted
 from errormodel.discrepancy.problem import Problem
 from errormodel.discrepancy.scan import Prepared, View
 
@@ -57,8 +57,10 @@ class Calibration:
         Of each candidate's gain; of an effect that does not repeat, its likelihood ratio.
     shapes : tuple of NoiseShape
         Over which those likelihoods are maximised.
-    least : NullLaw
-        Of −ln of the smallest p-value over the candidates.
+    least : mapping of bool to NullLaw
+        Of −ln of the smallest p-value over the events, and over the candidates that repeat.
+    events : frozenset of str
+        Names of the events.
     factors : mapping of str to NullLaw
         Of each factor's share of chi-square.
     least_factor : mapping of bool to NullLaw
@@ -67,7 +69,8 @@ class Calibration:
 
     gains: dict[str, NullLaw]
     shapes: tuple[NoiseShape, ...]
-    least: NullLaw
+    least: dict[bool, NullLaw]
+    events: frozenset[str]
     factors: dict[str, NullLaw]
     least_factor: dict[bool, NullLaw]
 
@@ -75,9 +78,11 @@ class Calibration:
         """Return the p-value of one candidate's gain, taken alone."""
         return self.gains[name].p_value(gain)
 
-    def p_family(self, p_alone: float) -> float:
-        """Return the p-value of the smallest p-value of the library."""
-        return self.least.p_value(-float(np.log(max(p_alone, 1e-300))))
+    def p_family(self, name: str, gain: float) -> float:
+        """Return the p-value of a candidate's gain over all candidates of its kind."""
+        alone = self.p_of(name, gain)
+        law = self.least[name in self.events]
+        return law.p_value(-float(np.log(max(alone, 1e-300))))
 
     def p_factor_family(self, p_alone: float, *, repeatable: bool) -> float:
         """Return the p-value of the smallest p-value over the factors of a kind."""
@@ -149,13 +154,15 @@ def _estimated(
 ) -> tuple[list[NoiseShape], FloatArray]:
     """Return the shape and the white sigma that each draw would be judged by."""
     if problem.noise is not None:
-        return [problem.noise] * noise.shape[1], np.ones(noise.shape[1])
+        known: FloatArray = np.ones(int(noise.shape[1]))
+        return [problem.noise] * known.size, known
     judge = Restricted(problem.times, problem.saturated)
     shapes = [s for _, s in floor.support]
     judged = [judge.evaluate(s, noise) for s in shapes]
-    best = np.argmax(np.array([j[0] for j in judged]), axis=0)
-    sigmas = np.array([judged[k][1][d] for d, k in enumerate(best.tolist())])
-    return [shapes[k] for k in best.tolist()], sigmas
+    likelihoods = [j[0] - PENALTY[s.family] for s, j in zip(shapes, judged, strict=True)]
+    best: list[int] = np.argmax(np.array(likelihoods), axis=0).tolist()
+    sigmas = np.array([float(judged[k][1][d]) for d, k in enumerate(best)])
+    return [shapes[k] for k in best], sigmas
 
 
 def _laws(
@@ -163,28 +170,33 @@ def _laws(
 ) -> Calibration:
     laws = {c.name: NullLaw(g) for c, g in zip(problem.candidates, gains, strict=True)}
     factor_laws = {f.name: NullLaw(g) for f, g in zip(problem.factors, factors, strict=True)}
-    least = _smallest(list(laws.values()), gains)
-    kinds = {
-        kind: [k for k, f in enumerate(problem.factors) if f.repeatable == kind]
-        for kind in (True, False)
-    }
-    by_kind = {
-        kind: NullLaw(
-            _smallest([factor_laws[problem.factors[k].name] for k in rows], factors[rows])
-        )
-        for kind, rows in kinds.items()
-    }
+    least = _least_by_kind([c.event for c in problem.candidates], list(laws.values()), gains)
+    by_kind = _least_by_kind(
+        [f.repeatable for f in problem.factors], list(factor_laws.values()), factors
+    )
     return Calibration(
         gains=laws,
         shapes=shapes,
-        least=NullLaw(least),
+        least=least,
+        events=frozenset(c.name for c in problem.candidates if c.event),
         factors=factor_laws,
         least_factor=by_kind,
     )
 
 
+def _least_by_kind(
+    kinds: list[bool], laws: list[NullLaw], values: FloatArray
+) -> dict[bool, NullLaw]:
+    made: dict[bool, NullLaw] = {}
+    for kind in (True, False):
+        rows = [k for k, own in enumerate(kinds) if own == kind]
+        made[kind] = NullLaw(_smallest([laws[k] for k in rows], values[rows]))
+    return made
+
+
 def _smallest(laws: list[NullLaw], values: FloatArray) -> FloatArray:
     """Return −ln of the smallest p-value of each draw."""
     if not laws:
-        return np.zeros(max(values.shape[-1], 1))
-    return -np.log(np.min([law.p_values(v) for law, v in zip(laws, values, strict=True)], axis=0))
+        return np.zeros(max(int(values.shape[-1]), 1))
+    p_values: list[FloatArray] = [law.p_values(own) for law, own in zip(laws, values, strict=True)]
+    return -np.log(np.min(np.array(p_values, dtype=float), axis=0))

@@ -39,12 +39,18 @@ class Signature:
     offset: FloatArray | None = None
 
 
+def columns_of(signature: Signature) -> FloatArray:
+    """Return a signature's columns; for an effect without a coefficient, what it does."""
+    return signature.columns if signature.offset is None else signature.offset[:, None]
+
+
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Candidate:
     """An effect that may be missing.
 
     `grid` are the nonlinear parameters tried first, close enough together that the best of them
-    lies in the right valley; `bounds` those of the refinement (none: the grid is all there is).
+    lies in the right valley; `bounds` those of the refinement, or `finer` gives the points about
+    one of the grid where the output does not change smoothly (neither: the grid is all there is).
     An event's size inflates the noise it is judged by, so the noise is estimated anew once it is
     in the model. `richer` is a more supple member of the same family of shapes, tried before any
     second effect is named.
@@ -54,6 +60,7 @@ class Candidate:
     signature: Callable[[Theta], Signature]
     grid: tuple[Theta, ...] = ((),)
     bounds: tuple[tuple[float, float], ...] = ()
+    finer: Callable[[Theta], tuple[Theta, ...]] | None = None
     event: bool = False
     richer: "Candidate | None" = None
     grid_signatures: tuple[Signature, ...] = field(init=False, default=())

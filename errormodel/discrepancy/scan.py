@@ -12,6 +12,8 @@ from errormodel.discrepancy.problem import Candidate, Factor, Problem, Signature
 
 # What is left of a column beside the others, as a share of its length, when it counts as nothing.
 NOTHING = 2e-3
+# A whitened column shorter than this is rounding of what is zero.
+ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -52,15 +54,19 @@ class View:
         widths = [s.columns.shape[1] for s in signatures]
         stacked = self.white(np.hstack([s.columns for s in signatures]))
         beside = self.beside_base(stacked)
-        lengths = np.linalg.norm(stacked, axis=0)
+        lengths, left = np.linalg.norm(stacked, axis=0), np.linalg.norm(beside, axis=0)
+        unit = beside / np.where(left > 0, left, 1.0)
+        shown = (left > NOTHING * lengths) & (lengths > ROUNDING)
         ends = np.cumsum(widths)
         made: list[Point] = []
         for end, width, s in zip(ends, widths, signatures, strict=True):
             own = slice(end - width, end)
             if s.base is not None or s.offset is not None:
                 made.append(self._replaced(s))
+            elif width == 1:
+                made.append(Point(basis=unit[:, own] if shown[end - 1] else unit[:, :0]))
             else:
-                made.append(Point(basis=_basis(beside[:, own], lengths[own])))
+                made.append(Point(basis=independent(beside[:, own][:, shown[own]], 1e-5)))
         return made
 
     def _replaced(self, s: Signature) -> Point:
@@ -115,17 +121,6 @@ class View:
         return self.gains(points, data).max(axis=0)
 
 
-def _basis(beside: FloatArray, lengths: FloatArray) -> FloatArray:
-    """Return an orthonormal basis of columns, without those of which next to nothing is left."""
-    left = np.linalg.norm(beside, axis=0)
-    kept = left > NOTHING * np.where(lengths > 0, lengths, 1.0)
-    if beside.shape[1] == 1:
-        return beside / left if kept[0] else beside[:, :0]
-    if not kept.any():
-        return beside[:, :0]
-    return independent(beside[:, kept], 1e-5)
-
-
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Found:
     """A candidate at its best: nonlinear parameters and gain of chi-square.
@@ -176,8 +171,25 @@ class Prepared:
                 gain=float(gains[k]),
                 grid_gain=float(gains[k]),
             )
-            found.append(_refined(self.view, best) if refine and candidate.bounds else best)
+            if refine and candidate.finer is not None:
+                best = _finer(self.view, best, candidate.finer(best.theta))
+            elif refine and candidate.bounds:
+                best = _refined(self.view, best)
+            found.append(best)
         return found
+
+
+def _finer(view: View, best: Found, thetas: Sequence[Theta]) -> Found:
+    """Try points about the grid's best, all at once."""
+    if not thetas:
+        return best
+    points = view.points([best.candidate.signature(theta) for theta in thetas])
+    gains = view.gains(points, view.data[:, None])[:, 0]
+    k = int(np.argmax(gains))
+    if gains[k] <= best.gain:
+        return best
+    gain = float(gains[k])
+    return Found(candidate=best.candidate, theta=thetas[k], gain=gain, grid_gain=best.grid_gain)
 
 
 def _refined(view: View, best: Found) -> Found:

@@ -1,146 +1,15 @@
 """The search: one effect after another, each slot tried again once the others are known."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
-from typing import Protocol
-
-import numpy as np
+from dataclasses import dataclass, replace
 
 from errormodel.arrays import FloatArray
-from errormodel.discrepancy.coloured import NoiseShape
+from errormodel.discrepancy.choices import Choice, Rules, SearchResult, Slot, Source
 from errormodel.discrepancy.events import event_ratios, events_of
 from errormodel.discrepancy.floor import NoiseFloor, estimate_floor
 from errormodel.discrepancy.nulls import Calibration
-from errormodel.discrepancy.problem import Candidate, Problem, Signature, Theta
+from errormodel.discrepancy.problem import Candidate, Problem, Signature
 from errormodel.discrepancy.scan import Found, Prepared, View
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Rules:
-    """The thresholds, frozen before any benchmark is run.
-
-    Attributes
-    ----------
-    alpha : float
-        False-alarm rate of the library as a whole, for an effect to enter.
-    further : float
-        What a further effect must explain, beyond luck, beside one that is named already: the
-        shape of the first is never known quite.
-    alpha_rest : float
-        The same for what is left to be called unexplained.
-    alias : float
-        Effects whose gain (beyond its mean under the null) is within this of the best cannot be
-        told from it. Two effects that truly differ by this in expectation are taken for each
-        other in about one case in 700.
-    share : float
-        What the named effects must explain of the excess for their names to stand.
-    supple : float
-        A more supple member of a family must gain this, beyond twice its further unknowns.
-    relative : float
-        An effect weaker than this share of a named one, in a pattern that the named one half
-        imitates, is told as the shape of that one and not by a name of its own.
-    most : int
-        Effects named at most.
-    """
-
-    alpha: float = 0.006
-    further: float = 30.0
-    alpha_rest: float = 0.004
-    alias: float = 9.0
-    share: float = 0.6
-    supple: float = 9.0
-    relative: float = 0.15
-    most: int = 3
-
-
-@dataclass(frozen=True, slots=True)
-class Choice:
-    """An effect put into the model, at its nonlinear parameters; `rich` the supple member."""
-
-    name: str
-    theta: Theta
-    rich: bool = False
-
-
-class Source(Protocol):
-    """What makes the engine's problem of a model with some effects added."""
-
-    def problem(self, chosen: Sequence[Choice], shape: NoiseShape) -> Problem:
-        """Return the problem of the enlarged model, refitted under a noise."""
-        ...
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class LinearSource:
-    """A source for a problem that is linear in everything, as a filter's innovations are.
-
-    The effects chosen join the baseline by their signature's columns.
-    """
-
-    start: Problem
-
-    def problem(self, chosen: Sequence[Choice], shape: NoiseShape) -> Problem:
-        """Return the problem with the chosen effects' columns in the baseline."""
-        del shape
-        by_name = {c.name: c for c in self.start.candidates}
-        added = [by_name[c.name].signature(c.theta).columns for c in chosen]
-        names = {c.name for c in chosen}
-        return Problem(
-            times=self.start.times,
-            residual=self.start.residual,
-            base=np.hstack([self.start.base, *added]),
-            candidates=tuple(c for c in self.start.candidates if c.name not in names),
-            saturated=np.hstack([self.start.saturated, *added]),
-            factors=self.start.factors,
-            noise=self.start.noise,
-            sigma=self.start.sigma,
-            events=self.start.events,
-        )
-
-
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Slot:
-    """One named effect and its rivals.
-
-    Attributes
-    ----------
-    choice : Choice
-    gain : float
-        Chi-square it explains beside the other effects.
-    p_value : float
-        Of that gain, over the library.
-    rivals : tuple of (str, float)
-        Every other effect with how far its score lies below, nearest first.
-    alias : tuple of str
-        The names that cannot be told apart, the best first; one name alone: it is named.
-    """
-
-    choice: Choice
-    gain: float
-    p_value: float
-    rivals: tuple[tuple[str, float], ...]
-    alias: tuple[str, ...]
-
-
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class SearchResult:
-    """What the search found.
-
-    Attributes
-    ----------
-    slots : tuple of Slot
-    floor : NoiseFloor
-        The noise the last steps were judged by.
-    explained : float
-        Chi-square that the effects explain together.
-    first : tuple of Found
-        Every candidate on the residual of the present model.
-    """
-
-    slots: tuple[Slot, ...]
-    floor: NoiseFloor
-    explained: float
-    first: tuple[Found, ...] = field(default=())
 
 
 def chi_square(view: View) -> float:
@@ -198,12 +67,10 @@ class Search:
             view = self.view(chosen)
             ranked = self._with_ratios(view, self.ranked(view))
             first = first or tuple(r.found for r in ranked)
-            if not ranked or ranked[0].p_value >= self.rules.alpha:
+            if not ranked or not self._enters(ranked[0]):
                 break
             best = ranked[0].found
-            if chosen and (
-                ranked[0].score < self.rules.further or self._is_shape(best, view, chosen)
-            ):
+            if chosen and not best.candidate.event and self._is_shape(ranked[0], view):
                 break
             self._entered[best.candidate.name] = ranked[0].p_value
             chosen.append(Choice(best.candidate.name, best.theta))
@@ -247,22 +114,48 @@ class Search:
             else r
             for r in ranked
         ]
-        return sorted(made, key=lambda r: -r.score)
+        return self._in_order(view, sorted(made, key=lambda r: -r.score))
+
+    def _in_order(self, view: View, ranked: list[Ranked]) -> list[Ranked]:
+        """Put first what enters first: of what repeats and of events, whichever is likelier.
+
+        What repeats poses as an event while it is missing, and an event as what repeats, so the
+        two are compared by the same likelihood ratio.
+        """
+        entering = [r for r in ranked if self._enters(r)]
+        steady = next((r for r in entering if not r.found.candidate.event), None)
+        event = next((r for r in entering if r.found.candidate.event), None)
+        first = steady or event
+        if steady and event:
+            found = steady.found
+            signature = found.candidate.signature(found.theta)
+            alone = Candidate(name=found.candidate.name, signature=lambda theta: signature)
+            data = view.problem.residual[:, None]
+            ratio = event_ratios(view.problem, self.laws.shapes, data, [alone])[0, 0]
+            if ratio - self._luck(found.candidate.name) < event.score:
+                first = event
+        return ranked if first is None else [first, *(r for r in ranked if r is not first)]
+
+    def _enters(self, one: Ranked) -> bool:
+        event = one.found.candidate.event
+        return one.p_value < (self.rules.alpha_event if event else self.rules.alpha)
 
     def _luck(self, name: str) -> float:
         return self.laws.gains[name].mean if name in self.laws.gains else 0.0
 
     def _p_value(self, name: str, gain: float) -> float:
-        return self.laws.p_family(self.laws.p_of(name, gain))
+        return self.laws.p_family(name, gain)
 
-    def _is_shape(self, best: Found, view: View, chosen: Sequence[Choice]) -> bool:
-        """Tell whether an effect is only the ill-known shape of a much stronger one."""
+    def _is_shape(self, one: Ranked, view: View) -> bool:
+        """Tell whether an effect is only the ill-known shape of those named before it."""
+        if one.score < self.rules.further:
+            return True
         plain = self.view([])
-        signature = best.candidate.signature(best.theta)
+        signature = one.found.candidate.signature(one.found.theta)
         alone, beside = plain.strength(signature), view.strength(signature)
         imitated = 1.0 - (beside / alone) ** 2 if alone > 0 else 1.0
         total = chi_square(plain) - chi_square(view)
-        return imitated > 0.3 and best.gain < self.rules.relative**2 * total and bool(chosen)
+        return imitated > 0.3 and one.found.gain < self.rules.relative**2 * total
 
     def _made_supple(self, chosen: list[Choice]) -> list[Choice]:
         """Give the last effect its family's richer member when that explains clearly more."""
@@ -290,8 +183,9 @@ class Search:
 
     def _settled(self, chosen: list[Choice]) -> tuple[Slot, ...]:
         """Try every slot again beside the others; drop what no longer stands."""
+        slots: list[Slot] = []
         for _ in range(2):
-            slots: list[Slot] = []
+            slots = []
             moved = False
             for k in range(len(chosen)):
                 others = [c for j, c in enumerate(chosen) if j != k]
@@ -311,16 +205,24 @@ class Search:
 
     def _slot(self, others: Sequence[Choice], present: Choice) -> Slot | None:
         view = self.view(others)
-        ranked = self._with_rich(view, self.ranked(view), present)
+        ranked = self.ranked(view)
+        if all(c.event for c in view.problem.candidates):
+            # nothing is known to repeat: a noise estimated beside one of them favours that one
+            ranked = self._with_ratios(view, ranked)
+        else:
+            ranked = self._with_rich(view, ranked, present)
+        ranked = _simplest_first(ranked)
         best = ranked[0].found
         name = best.candidate.name
         # an event was judged when it entered; the noise has since been estimated beside it
         p_value = ranked[0].p_value
         if best.candidate.event:
             p_value = self._entered.get(name, self._entered.get(present.name, 1.0))
-        if p_value >= self.rules.alpha:
+        limit = self.rules.alpha_event if best.candidate.event else self.rules.alpha
+        if p_value >= limit or ranked[0].score < self.rules.least:
             return None
-        below = [(r.found.candidate.name, ranked[0].score - r.score) for r in ranked]
+        top = max(r.score for r in ranked)
+        below = [(r.found.candidate.name, top - r.score) for r in ranked]
         return Slot(
             choice=Choice(name, best.theta, rich=present.rich and name == present.name),
             gain=best.gain,
@@ -351,6 +253,17 @@ class Search:
             grid_gain=max(plain.found.grid_gain, rich.grid_gain),
         )
         return Ranked(found, plain.score + rich.gain - plain.found.gain - 2.0 * more, plain.p_value)
+
+
+# Scores this close are a tie: the effect with fewer unknowns is put first.
+TIE = 2.0
+
+
+def _simplest_first(ranked: list[Ranked]) -> list[Ranked]:
+    """Put the effect with the fewest unknowns before those that are hardly better."""
+    tied = [r for r in ranked if ranked[0].score - r.score < TIE]
+    first = min(tied, key=lambda r: _unknowns(r.found.candidate))
+    return [first, *(r for r in ranked if r is not first)]
 
 
 def _unknowns(candidate: Candidate) -> int:
