@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+Floats = NDArray[np.floating]
 
 STEP_S = 1e-3
 EARTH_RATE = 7.292115e-5  # rad/s, WGS 84

@@ -118,8 +118,10 @@ def lever_force(motion: Motion, arms: Floats) -> Floats:
     out = np.empty_like(motion.omega_eb)
     for k, r in enumerate(arms):
         w = motion.omega_eb
-        acceleration = np.cross(motion.alpha_eb, r) + np.cross(w, np.cross(w, r))
-        out[:, k] = acceleration[:, k]
+        pull = w @ r
+        out[:, k] = (
+            np.cross(motion.alpha_eb, r)[:, k] + w[:, k] * pull - r[k] * np.sum(w**2, axis=1)
+        )
     return out
 
 
@@ -268,7 +270,9 @@ def write_rig_run(
     drawn = draw_baseline(rng, setup.scale_of_priors)
     hidden = {name: value for effect in effects for name, value in EFFECTS[effect].items()}
     truth = Truth({**drawn, **hidden, **(values or {})})
-    frames, attitudes, start_s = [], [], 0.0
+    frames: list[pd.DataFrame] = []
+    attitudes: list[object] = []
+    start_s = 0.0
     for number in range(len(setup.axes)):
         frame, motion = record_cycle(setup, truth, number, start_s, rng)
         frames.append(frame)
