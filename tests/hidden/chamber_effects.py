@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -56,17 +57,20 @@ class Accelerometer:
 
     k1: float = 1.3  # mA/g
     k0_ug: float = 300.0
-    b_ug: tuple[float, float] = (11.0, 0.02)
-    s_ppm: tuple[float, float] = (100.0, 0.3)
+    b1_ug: float = 11.0
+    b2_ug: float = 0.02
+    s1_ppm: float = 100.0
+    s2_ppm: float = 0.3
 
     @classmethod
     def drawn(cls, rng: np.random.Generator, *, tempco: bool = True) -> "Accelerometer":
-        s = (100 * rng.uniform(0.8, 1.2), rng.uniform(-0.4, 0.4)) if tempco else (0.0, 0.0)
         return cls(
             k1=1.3 * rng.uniform(0.98, 1.02),
-            k0_ug=rng.uniform(-500, 500),
-            b_ug=(rng.choice([-1, 1]) * rng.uniform(8, 14), rng.uniform(-0.03, 0.03)),
-            s_ppm=s,
+            k0_ug=rng.uniform(-500.0, 500.0),
+            b1_ug=rng.uniform(8.0, 14.0) * float(rng.choice([-1.0, 1.0])),
+            b2_ug=rng.uniform(-0.03, 0.03),
+            s1_ppm=rng.uniform(80.0, 120.0) * tempco,
+            s2_ppm=rng.uniform(-0.4, 0.4) * tempco,
         )
 
 
@@ -77,7 +81,9 @@ def events(night: Night, rng: np.random.Generator) -> dict[str, Floats]:
     offsets -= offsets.mean()
     offsets /= np.sqrt(np.mean(offsets**2))
     inside = np.flatnonzero((night.run > 0) & (night.run < runs - 1))
-    chosen = inside[int(inside.size * rng.choice([rng.uniform(0.12, 0.4), rng.uniform(0.6, 0.88)]))]
+    # in the second or third run, not where they meet: that is an offset of a run
+    share = 0.5 * float(rng.integers(2)) + rng.uniform(0.12, 0.4)
+    chosen = inside[int(inside.size * share)]
     wander = np.cumsum(np.cumsum(rng.standard_normal(night.run.size)))
     wander -= np.polyval(np.polyfit(np.arange(wander.size), wander, 1), np.arange(wander.size))
     contact = np.zeros(night.run.size)
@@ -112,6 +118,7 @@ def bias_shapes(
     }
 
 
+@lru_cache(maxsize=1)  # of the night at hand: it is walked through more than once
 def loop(night: Night) -> Floats:
     """Return a Preisach loop whose half height in the middle of the range is one."""
     ensemble = relays(WIDTH_C)
@@ -163,7 +170,7 @@ def output_g(
     harmonic = hidden.get("indexer_harmonic", 0.0) / 3600 * np.cos(2 * commanded)
     angle = commanded + np.deg2rad(harmonic + head_deg)
     a_i, a_p = np.sin(angle)[:, None], np.cos(angle)[:, None]
-    bias = device.k0_ug + device.b_ug[0] * x + device.b_ug[1] * x**2
+    bias = device.k0_ug + device.b1_ug * x + device.b2_ug * x**2
     shapes = bias_shapes(night, inner, once)
     for name, size in hidden.items():
         if name in shapes:
@@ -171,7 +178,7 @@ def output_g(
     bias = bias + hidden.get("second_order", 0.0) * a_i**2
     bias = bias + hidden.get("third_order", 0.0) * a_i**3
     bias = bias + hidden.get("cross_axis", 0.0) * a_p
-    scale = device.s_ppm[0] * x + device.s_ppm[1] * x**2
+    scale = device.s1_ppm * x + device.s2_ppm * x**2
     if "temperature_rate_scale" in hidden:
         scale = scale + hidden["temperature_rate_scale"] * night.flux_c_per_min
     if "scale_hysteresis" in hidden:

@@ -1,10 +1,10 @@
-"""Noise families, as drawn and as a covariance, and the strength of an effect under the true one."""
+"""Noise families, as drawn and as a covariance, and an effect's strength under the true one."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from tests.hidden.chamber_physics import READING_S, Floats, Night
+from tests.hidden.chamber_physics import Floats, Night
 
 WHITE_UG = 5.0  # of a reading
 BLOCK_S = 60.0
@@ -41,12 +41,12 @@ class Noise:
         walk = self.walk_ug_rth * np.sqrt(dt / 3600) * rng.standard_normal(t.size)
         return total + np.cumsum(walk)
 
-    def covariance(self, t: Floats, readings: Floats) -> Floats:
+    def covariance(self, t: Floats, readings: Floats, period_s: float) -> Floats:
         """Return the covariance of means of so many readings around times t, µg²."""
         lag = np.abs(t[:, None] - t[None, :])
         cov = np.diag(self.white_ug**2 / readings)
         for sigma, tau in self.slow_parts():
-            inside = READING_S * readings[:, None] / tau  # a mean is quieter than its readings
+            inside = period_s * readings[:, None] / tau  # a mean is quieter than its readings
             quiet = np.where(lag == 0, 2 * (inside - 1 + np.exp(-inside)) / inside**2, 1.0)
             cov += sigma**2 * np.exp(-lag / tau) * quiet
         if self.walk_ug_rth:
@@ -77,8 +77,10 @@ class Yardstick:
 
     @classmethod
     def of(cls, night: Night, noise: Noise) -> "Yardstick":
-        key = night.dwell * 10 + ((night.time_s - READING_S) % 600.0 // BLOCK_S).astype(int)
-        key = key + night.run * (10 * int(night.dwell.max()) + 10)
+        came = np.diff(night.dwell, prepend=-1) != 0
+        dwell = np.cumsum(came)  # through all runs
+        since = np.arange(night.run.size) - np.flatnonzero(came)[dwell - 1]
+        key = 1000 * dwell + (since * night.period_s // BLOCK_S).astype(int)
         key = np.where(night.moving, -1, key)
         _, block = np.unique(key, return_inverse=True)
         block = np.where(night.moving, -1, block - int(night.moving.any()))
@@ -91,7 +93,7 @@ class Yardstick:
         x = (night.case_c.mean(axis=1) - 25.0) / 50.0
         a = np.sin(np.deg2rad(night.angle_deg))
         columns = np.column_stack([means(f * x**k) for f in (np.ones_like(a), a) for k in range(3)])
-        root = np.linalg.cholesky(noise.covariance(means(night.age_s), readings))
+        root = np.linalg.cholesky(noise.covariance(means(night.age_s), readings, night.period_s))
         q, _ = np.linalg.qr(np.linalg.solve(root, columns))
         return cls(block, readings, root, q)
 

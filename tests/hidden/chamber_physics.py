@@ -14,33 +14,44 @@ Floats = NDArray[np.floating]
 Ints = NDArray[np.int64]
 
 STEP_S = 0.5
-READING_S = 10.0
-DWELL_S = 600.0
 COLD_C, HOT_C, ROOM_C = -40.0, 70.0, 25.0
 SOAKS_MIN = (30.0, 30.0, 20.0)
-REST_S = 3600.0  # between runs, powered off, at room temperature
 CHAMBER_TAU_S, CASE_TAU_S = 90.0, 60.0
+
+Corners = tuple[tuple[float, float], ...]  # (minute, °C) of one run
+
+
+def there_and_back(rate_c_per_min: float) -> Corners:
+    """Return the corners of a run from cold to hot to cold, with soaks."""
+    ramp = (HOT_C - COLD_C) / rate_c_per_min
+    legs = (0.0, SOAKS_MIN[0], ramp, SOAKS_MIN[1], ramp, SOAKS_MIN[2])
+    temps = (COLD_C, COLD_C, HOT_C, HOT_C, COLD_C, COLD_C)
+    return tuple(zip(np.cumsum(legs).tolist(), temps, strict=True))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Protocol:
-    """How a campaign of four runs is made."""
+    """How a campaign is made: the programme of each run, and where the head goes."""
 
     name: str
-    rates_c_per_min: tuple[float, ...] = (1.0, 1.0, 1.0, 1.0)
+    runs: tuple[Corners, ...]
     angles_deg: tuple[float, ...] = (0.0, 90.0, 180.0, 270.0)
     random_order: bool = False
+    dwell_s: float = 600.0
+    period_s: float = 10.0  # between readings
+    rest_s: float = 3600.0  # between runs, powered off
 
 
 EIGHT = tuple(45.0 * k for k in range(8))
-MIXED = (0.5, 1.0, 2.0, 1.0)
+EQUAL = tuple(there_and_back(1.0) for _ in range(4))
+MIXED = tuple(there_and_back(rate) for rate in (0.5, 1.0, 2.0, 1.0))
 PROTOCOLS = {
     p.name: p
     for p in (
-        Protocol(name="P0", rates_c_per_min=MIXED, random_order=True),
-        Protocol(name="P1"),
-        Protocol(name="P2", rates_c_per_min=MIXED, angles_deg=EIGHT),
-        Protocol(name="P3", rates_c_per_min=MIXED, angles_deg=EIGHT, random_order=True),
+        Protocol(name="P0", runs=MIXED, random_order=True),
+        Protocol(name="P1", runs=EQUAL),
+        Protocol(name="P2", runs=MIXED, angles_deg=EIGHT),
+        Protocol(name="P3", runs=MIXED, angles_deg=EIGHT, random_order=True),
     )
 }
 
@@ -59,14 +70,7 @@ class Night:
     dwell: Ints
     moving: NDArray[np.bool_]
     path_c: tuple[Floats, ...]  # each run's case temperature every two seconds
-
-
-def set_temperature(rate_c_per_min: float) -> tuple[Floats, Floats]:
-    """Return times (s) and temperatures of the corners of one run's programme."""
-    ramp = (HOT_C - COLD_C) / rate_c_per_min
-    legs = np.array([SOAKS_MIN[0], ramp, SOAKS_MIN[1], ramp, SOAKS_MIN[2]])
-    at = 60 * np.concatenate([[0.0], np.cumsum(legs)])
-    return at, np.array([COLD_C, COLD_C, HOT_C, HOT_C, COLD_C, COLD_C])
+    period_s: float
 
 
 def follow(x: Floats, tau_s: float) -> Floats:
@@ -76,13 +80,14 @@ def follow(x: Floats, tau_s: float) -> Floats:
     return np.asarray(out)
 
 
-def run_temperatures(rate: float, rng: np.random.Generator) -> tuple[Floats, Floats]:
+def run_temperatures(corners: Corners, rng: np.random.Generator) -> tuple[Floats, Floats]:
     """Return chamber and case temperature of one run in half-second steps."""
-    at, temps = set_temperature(rate)
-    t = np.arange(0.0, at[-1], STEP_S)
+    minutes, temps = zip(*corners, strict=True)
+    t = np.arange(0.0, 60 * minutes[-1], STEP_S)
     cycling = 0.03 * np.sin(2 * np.pi * (t / 240 + rng.random()))
-    unrest = follow(rng.standard_normal(t.size), 300.0) * 0.02 * np.sqrt(2 * 300 / STEP_S)
-    chamber = follow(np.interp(t, at, temps), CHAMBER_TAU_S) + cycling + unrest
+    kicks = np.concatenate([[0.0], rng.standard_normal(t.size - 1)])
+    unrest = 0.02 * np.sqrt(2 * 300 / STEP_S) * follow(kicks, 300.0)  # 0.02 °C rms, five minutes
+    chamber = follow(np.interp(t / 60, minutes, temps), CHAMBER_TAU_S) + cycling + unrest
     return chamber, follow(chamber, CASE_TAU_S)
 
 
@@ -99,13 +104,13 @@ def make_night(protocol: Protocol, rng: np.random.Generator) -> Night:
     parts: list[dict[str, NDArray[np.generic]]] = []
     paths: list[Floats] = []
     age = 0.0
-    for number, rate in enumerate(protocol.rates_c_per_min):
-        chamber, case = run_temperatures(rate, rng)
-        every = round(READING_S / STEP_S)
-        time_s = np.arange(READING_S, chamber.size * STEP_S, READING_S)
+    period = protocol.period_s
+    for number, corners in enumerate(protocol.runs):
+        chamber, case = run_temperatures(corners, rng)
+        time_s = np.arange(period, chamber.size * STEP_S, period)
         at = (time_s / STEP_S).astype(int)[:, None] - np.array([2, 1])  # the second before it
         flux = 60 * (chamber - case) / CASE_TAU_S
-        dwell = ((time_s - READING_S) // DWELL_S).astype(np.int64)
+        dwell = ((time_s - period) // protocol.dwell_s).astype(np.int64)
         angles = order_of_positions(protocol, int(dwell[-1]) + 1, rng)
         first = np.diff(dwell, prepend=-1) > 0
         parts.append(
@@ -121,10 +126,10 @@ def make_night(protocol: Protocol, rng: np.random.Generator) -> Night:
                 "moving": first & (dwell > 0),
             }
         )
-        paths.append(case[:: every // 5])
-        age += chamber.size * STEP_S + REST_S
+        paths.append(case[::4])
+        age += chamber.size * STEP_S + protocol.rest_s
     joined = {k: np.concatenate([p[k] for p in parts]) for k in parts[0]}
-    return Night(path_c=tuple(paths), **joined)  # type: ignore[arg-type]
+    return Night(path_c=tuple(paths), period_s=period, **joined)  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -2,23 +2,22 @@
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from tests.hidden.chamber_effects import (
-    LIBRARY,
-    OUTSIDE,
     UNITS,
     Accelerometer,
     events,
     output_g,
 )
 from tests.hidden.chamber_noise import FAMILIES, Yardstick
-from tests.hidden.chamber_physics import PROTOCOLS, Floats, Night, make_night
+from tests.hidden.chamber_physics import PROTOCOLS, Floats, Night, Protocol, make_night
 
 THERMISTOR_C, THERMISTOR_STEP_C = 0.002, 0.001
 OUTPUT_STEP_MA = 2e-6  # of the meter: 1.5 µg
@@ -64,22 +63,58 @@ def write_set(
     hidden, d = _sized(recipe, night, device, once, yardstick, signs)
     clean = output_g(night, device, hidden, once, head_error(night, rng))
     reading = device.k1 * (clean + 1e-6 * noise.draw(night, rng))
-    folder.mkdir(parents=True, exist_ok=True)
-    _table(night, reading, rng).to_csv(folder / "run.csv", index=False)
-    (folder / "run.toml").write_text(_sidecar(night), encoding="utf-8")
+    _write(folder / "run.csv", night, reading, rng)
     key: dict[str, object] = {
         "group": recipe.group,
         "protocol": recipe.protocol,
         "noise": recipe.noise,
         "seed": list(seed),
-        "tempco": recipe.tempco,
+        "accelerometer": asdict(device),
         "hidden": {n: {"size": s, "unit": UNITS[n], "d": d[n]} for n, s in hidden.items()},
-        "in_library": [n for n in hidden if n in LIBRARY],
-        "outside": [n for n in hidden if n in OUTSIDE],
     }
     key_path.parent.mkdir(parents=True, exist_ok=True)
     key_path.write_text(json.dumps(key, indent=1), encoding="utf-8")
     return key
+
+
+def write_more(
+    path: Path, key: Mapping[str, Any], protocol: Protocol, seed: Sequence[int]
+) -> dict[str, float]:
+    """Let the same accelerometer be measured by another protocol; return the strengths there.
+
+    Effects that happen once cannot be had again; asking for one is a mistake of the caller.
+    """
+    rng = np.random.default_rng(seed)
+    night = make_night(protocol, rng)
+    device = Accelerometer(**key["accelerometer"])
+    hidden = {name: float(v["size"]) for name, v in key["hidden"].items()}
+    noise = FAMILIES[key["noise"]]
+    plain = output_g(night, device, {}, {})
+    yardstick = Yardstick.of(night, noise)
+    clean = output_g(night, device, hidden, {}, head_error(night, rng))
+    reading = device.k1 * (clean + 1e-6 * noise.draw(night, rng))
+    _write(path, night, reading, rng, run_prefix="next-", days_later=7)
+    return {
+        name: yardstick.strength(1e6 * (output_g(night, device, {name: size}, {}) - plain))
+        for name, size in hidden.items()
+    }
+
+
+def _write(
+    path: Path,
+    night: Night,
+    reading_ma: Floats,
+    rng: np.random.Generator,
+    *,
+    run_prefix: str = "",
+    days_later: int = 0,
+) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    table = _table(night, reading_ma, rng)
+    table["run"] = run_prefix + table["run"].astype(str)
+    table.to_csv(path, index=False)
+    text = _sidecar(night, run_prefix, FIRST_START + timedelta(days=days_later))
+    path.with_suffix(".toml").write_text(text, encoding="utf-8")
 
 
 def _sized(
@@ -116,7 +151,7 @@ def head_error(night: Night, rng: np.random.Generator) -> Floats:
     sizes = HEAD_ERROR_ARCSEC * rng.standard_normal(4)
     angle = np.deg2rad(night.angle_deg)
     waves = (np.sin(angle), np.cos(angle), np.sin(2 * angle), np.cos(2 * angle))
-    same = sum(s * w for s, w in zip(sizes, waves, strict=True))
+    same = sizes @ np.array(waves)
     dwell = night.dwell + (int(night.dwell.max()) + 1) * night.run
     moved = HEAD_REPEAT_ARCSEC * rng.standard_normal(int(dwell.max()) + 1)[dwell]
     away = np.where(night.moving, rng.uniform(-40, 40, night.run.size), 0.0)
@@ -139,7 +174,7 @@ def _table(night: Night, reading_ma: Floats, rng: np.random.Generator) -> pd.Dat
     )
 
 
-def _sidecar(night: Night) -> str:
+def _sidecar(night: Night, run_prefix: str, first: datetime) -> str:
     lines = [
         'output_unit = "mA"',
         f"gravity_m_s2 = {GRAVITY_M_S2}",
@@ -149,6 +184,6 @@ def _sidecar(night: Night) -> str:
     ]
     for number in range(int(night.run[-1]) + 1):
         began = float((night.age_s - night.time_s)[night.run == number][0])
-        start = FIRST_START + timedelta(seconds=round(began))
-        lines.append(f'"{number + 1}" = {start:%Y-%m-%dT%H:%M:%SZ}')
+        start = first + timedelta(seconds=round(began))
+        lines.append(f'"{run_prefix}{number + 1}" = {start:%Y-%m-%dT%H:%M:%SZ}')
     return "\n".join(lines) + "\n"

@@ -51,13 +51,15 @@ def score(name: str, key: dict[str, Any], answer: dict[str, Any]) -> Scored:
     answer : dict
         `json` (the command's document, or None), `seconds`, `exit`.
     """
-    said = answer["json"] or {"verdict": "failed"}
+    said: dict[str, Any] = answer["json"] or {"verdict": "failed"}
     aliases = tuple(tuple(names) for names in said.get("alias_sets") or ())
     aliased = {n for names in aliases for n in names}
     named = [e["name"] for e in said.get("effects") or ()]
     bare = tuple(n for n in named if n not in aliased)
-    heldout = (said.get("heldout") or {}).get("after_ug")
-    floor = said.get("floor_ug")
+    heldout_part: dict[str, Any] = said.get("heldout") or {}
+    where: dict[str, Any] = said.get("where") or {}
+    heldout: float | None = heldout_part.get("after_ug")
+    floor: float | None = said.get("floor_ug")
     return Scored(
         name=name,
         group=key["group"],
@@ -67,8 +69,8 @@ def score(name: str, key: dict[str, Any], answer: dict[str, Any]) -> Scored:
         verdict=said["verdict"],
         bare=bare,
         aliases=aliases,
-        factor=str((said.get("where") or {}).get("factor", "")),
-        invisible=tuple(said.get("invisible") or ()),
+        factor=str(where.get("factor") or ""),
+        invisible=tuple(map(str, said.get("invisible") or ())),
         heldout_over_floor=heldout / floor if heldout and floor else None,
         seconds=answer["seconds"],
         outcome=outcome(key["group"], set(key["hidden"]), said["verdict"], bare, aliases),
@@ -130,7 +132,9 @@ class Rate:
         """Whether the measured share is on the asked side; None without data."""
         if not self.of:
             return None
-        return self.share >= self.least if self.least is not None else self.share <= self.most
+        if self.least is not None:
+            return self.share >= self.least
+        return self.most is None or self.share <= self.most
 
 
 def _count(
