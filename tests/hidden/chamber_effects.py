@@ -79,13 +79,14 @@ def events(night: Night, rng: np.random.Generator) -> dict[str, Floats]:
     runs = int(night.run[-1]) + 1
     offsets = rng.standard_normal(runs)
     offsets -= offsets.mean()
-    offsets /= np.sqrt(np.mean(offsets**2))
+    offsets = offsets / float(offsets.std())
     inside = np.flatnonzero((night.run > 0) & (night.run < runs - 1))
     # in the second or third run, not where they meet: that is an offset of a run
     share = 0.5 * float(rng.integers(2)) + rng.uniform(0.12, 0.4)
     chosen = inside[int(inside.size * share)]
     wander = np.cumsum(np.cumsum(rng.standard_normal(night.run.size)))
-    wander -= np.polyval(np.polyfit(np.arange(wander.size), wander, 1), np.arange(wander.size))
+    k = np.arange(wander.size) - wander.size / 2
+    wander = wander - wander.mean() - k * (k @ wander) / (k @ k)
     contact = np.zeros(night.run.size)
     for _ in range(40):
         k = int(rng.integers(night.run.size))

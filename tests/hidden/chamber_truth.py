@@ -160,18 +160,17 @@ def head_error(night: Night, rng: np.random.Generator) -> Floats:
 
 def _table(night: Night, reading_ma: Floats, rng: np.random.Generator) -> pd.DataFrame:
     read = night.case_c.mean(axis=1) + THERMISTOR_C * rng.standard_normal(night.run.size)
-    return pd.DataFrame(
-        {
-            "run": night.run + 1,
-            "serial": "A1",
-            "time_s": night.time_s,
-            "temp_c": (THERMISTOR_STEP_C * np.round(read / THERMISTOR_STEP_C)).round(4),
-            "chamber_c": night.chamber_c.round(2),
-            "position_deg": night.angle_deg,
-            "output": (OUTPUT_STEP_MA * np.round(reading_ma / OUTPUT_STEP_MA)).round(7),
-            "flag": np.where(night.moving, "moving", ""),
-        }
-    )
+    columns: dict[str, Any] = {
+        "run": night.run + 1,
+        "serial": "A1",
+        "time_s": night.time_s,
+        "temp_c": (THERMISTOR_STEP_C * np.round(read / THERMISTOR_STEP_C)).round(4),
+        "chamber_c": night.chamber_c.round(2),
+        "position_deg": night.angle_deg,
+        "output": (OUTPUT_STEP_MA * np.round(reading_ma / OUTPUT_STEP_MA)).round(7),
+        "flag": np.where(night.moving, "moving", ""),
+    }
+    return pd.DataFrame(columns)
 
 
 def _sidecar(night: Night, run_prefix: str, first: datetime) -> str:
