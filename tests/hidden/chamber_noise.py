@@ -8,6 +8,8 @@ from tests.hidden.chamber_physics import Floats, Night
 
 WHITE_UG = 5.0  # of a reading
 BLOCK_S = 60.0
+HEAD_REPEAT_ARCSEC = 0.05  # of the head, from move to move
+UG_PER_ARCSEC = 1e6 * np.deg2rad(1 / 3600)
 OCTAVE_TAUS_S = 60.0 * 2.0 ** np.arange(13)  # one minute to 68 hours: one over f between
 
 
@@ -93,7 +95,10 @@ class Yardstick:
         x = (night.case_c.mean(axis=1) - 25.0) / 50.0
         a = np.sin(np.deg2rad(night.angle_deg))
         columns = np.column_stack([means(f * x**k) for f in (np.ones_like(a), a) for k in range(3)])
-        root = np.linalg.cholesky(noise.covariance(means(night.age_s), readings, night.period_s))
+        cov = noise.covariance(means(night.age_s), readings, night.period_s)
+        head = HEAD_REPEAT_ARCSEC * UG_PER_ARCSEC * means(np.cos(np.deg2rad(night.angle_deg)))
+        together = np.equal.outer(means(dwell), means(dwell))
+        root = np.linalg.cholesky(cov + together * np.outer(head, head))
         q, _ = np.linalg.qr(np.linalg.solve(root, columns))
         return cls(block, readings, root, q)
 

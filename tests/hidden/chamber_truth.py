@@ -16,13 +16,12 @@ from tests.hidden.chamber_effects import (
     events,
     output_g,
 )
-from tests.hidden.chamber_noise import FAMILIES, Yardstick
+from tests.hidden.chamber_noise import FAMILIES, HEAD_REPEAT_ARCSEC, Yardstick
 from tests.hidden.chamber_physics import PROTOCOLS, Floats, Night, Protocol, make_night
 
 THERMISTOR_C, THERMISTOR_STEP_C = 0.002, 0.001
 OUTPUT_STEP_MA = 2e-6  # of the meter: 1.5 µg
-HEAD_REPEAT_ARCSEC = 0.1  # from move to move
-HEAD_ERROR_ARCSEC = 0.02  # the same in each turn: less than a tenth of what would be seen
+HEAD_ERROR_ARCSEC = 0.005  # the same in each turn: a tenth of what could be seen, so not hidden
 GRAVITY_M_S2 = 9.81562
 FIRST_START = datetime(2026, 3, 2, 18, 0, tzinfo=UTC)
 
@@ -62,8 +61,8 @@ def write_set(
     signs = {name: float(rng.choice([-1.0, 1.0])) for name in recipe.hidden}
     hidden, d = _sized(recipe, night, device, once, yardstick, signs)
     clean = output_g(night, device, hidden, once, head_error(night, rng))
-    reading = device.k1 * (clean + 1e-6 * noise.draw(night, rng))
-    _write(folder / "run.csv", night, reading, rng)
+    drawn = noise.draw(night, rng)
+    _write(folder / "run.csv", night, device.k1 * (clean + 1e-6 * drawn), rng)
     key: dict[str, object] = {
         "group": recipe.group,
         "protocol": recipe.protocol,
@@ -71,6 +70,7 @@ def write_set(
         "seed": list(seed),
         "accelerometer": asdict(device),
         "hidden": {n: {"size": s, "unit": UNITS[n], "d": d[n]} for n, s in hidden.items()},
+        "noise_rms_ug": float(np.std(drawn)),
     }
     key_path.parent.mkdir(parents=True, exist_ok=True)
     key_path.write_text(json.dumps(key, indent=1), encoding="utf-8")

@@ -25,7 +25,7 @@ class Scored:
     aliases: tuple[tuple[str, ...], ...]
     factor: str
     invisible: tuple[str, ...]
-    heldout_over_floor: float | None
+    heldout_over_floor: float | None  # over the noise that was really drawn
     seconds: float
     outcome: str
 
@@ -59,7 +59,7 @@ def score(name: str, key: dict[str, Any], answer: dict[str, Any]) -> Scored:
     heldout_part: dict[str, Any] = said.get("heldout") or {}
     where: dict[str, Any] = said.get("where") or {}
     heldout: float | None = heldout_part.get("after_ug")
-    floor: float | None = said.get("floor_ug")
+    floor = key.get("noise_rms_ug")
     return Scored(
         name=name,
         group=key["group"],
@@ -232,8 +232,8 @@ def acceptance(sets: Sequence[Scored]) -> list[Rate]:
             least=0.90,
         ),
         _count(
-            "held-out rms after ≤ 1.05 floor (found effects that a new run can show)",
-            (s for s in predictive if s.heldout_over_floor is not None),
+            "white, white + OU: held-out rms after ≤ 1.05 of the noise drawn (predictive effects)",
+            (s for s in predictive if s.noise in stationary and s.heldout_over_floor),
             lambda s: (s.heldout_over_floor or 9.0) <= 1.05,
             least=0.95,
         ),

@@ -70,10 +70,11 @@ def test_a_leading_member_of_an_alias_set_is_no_bare_name() -> None:
     assert (one.bare, one.outcome, one.wrong_bare) == ((), "alias", False)
 
 
-def test_held_out_is_measured_by_the_floor() -> None:
+def test_held_out_is_measured_by_the_noise_that_was_drawn() -> None:
     heldout = {"before_ug": 20.0, "after_ug": 5.2, "runs": ["1"]}
-    said = answer("named", [LAG], heldout=heldout, floor_ug=5.0)
-    assert score("s", key(thermal_lag=40.0), said).heldout_over_floor == pytest.approx(1.04)
+    said = answer("named", [LAG], heldout=heldout, floor_ug=6.0)
+    opened = {**key(thermal_lag=40.0), "noise_rms_ug": 5.0}
+    assert score("s", opened, said).heldout_over_floor == pytest.approx(1.04)
 
 
 def test_a_crash_is_a_failure_not_a_silence() -> None:
