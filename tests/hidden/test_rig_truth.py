@@ -17,7 +17,8 @@ from tests.hidden.rig_motion import (
     normal_gravity,
     rotation,
 )
-from tests.hidden.rig_truth import EFFECTS, Setup, multirate, write_rig_run
+from tests.hidden.rig_setup import EFFECTS, Setup, multirate
+from tests.hidden.rig_truth import write_rig_run
 
 SHORT = ((0.0, 5.0), (10.0, 20.0), (-10.0, 15.0))
 LATITUDE = np.deg2rad(Rig().latitude_deg)
