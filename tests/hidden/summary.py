@@ -142,6 +142,14 @@ def faults(sets: Sequence[Scored]) -> str:
     return head + "\n".join(lines)
 
 
+def alias_sizes(sets: Sequence[Scored]) -> str:
+    """Return how many names the alias sets hold: one that holds all says nothing."""
+    sizes = [len(names) for s in sets if s.outcome == "alias" for names in s.aliases]
+    if not sizes:
+        return "No alias sets were right."
+    return f"Alias sets that were right hold {np.median(sizes):.0f} names (most {max(sizes)})."
+
+
 def table(sets: Sequence[Scored]) -> str:
     """Return everything as text."""
     seconds = np.array([s.seconds for s in sets])
@@ -152,6 +160,7 @@ def table(sets: Sequence[Scored]) -> str:
             rates_table(sets),
             confusion_table(sets),
             conditions_table(sets),
+            alias_sizes(sets),
             faults(sets),
         ]
     )
@@ -168,6 +177,7 @@ def page(sets: Sequence[Scored]) -> str:
         rates=rates_table(sets),
         confusion=confusion_table(sets),
         conditions=conditions_table(sets),
+        alias_sizes=alias_sizes(sets),
         faults=faults(sets),
         median=float(np.median(seconds)),
         longest=float(seconds.max()),
