@@ -3,12 +3,13 @@
     python -m tests.hidden.benchmark --part full --work build/hidden
 
 Each data set is answered by `accelbench discrepancy thermal FILE --json` in a process of its own,
-which is given a folder without keys. A set already answered is not run again. Exit 1 when an
-acceptance rate is not reached.
+which is given a folder without keys. A set already answered is not run again; with `--minutes` the
+run ends in time and goes on when called again. Exit 1 when an acceptance rate is not reached.
 """
 
 import argparse
 import json
+import math
 import secrets
 import sys
 import time
@@ -16,6 +17,8 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
+
+import numpy as np
 
 from tests.hidden.answering import ask_workflow
 from tests.hidden.chamber_truth import Recipe, write_set
@@ -56,16 +59,17 @@ class Bench:
     def ask(self, number: int) -> None:
         """Let the workflow answer; what it may read is the one folder."""
         self.answer(number).parent.mkdir(parents=True, exist_ok=True)
-        begin = time.perf_counter()
         answer = ask_workflow(self.folder(number), self.program)
-        answer["seconds"] = time.perf_counter() - begin
         unfinished = self.answer(number).with_suffix(".part")
         unfinished.write_text(json.dumps(answer), encoding="utf-8")
         unfinished.rename(self.answer(number))
 
-    def scored(self) -> list[Scored]:
-        """Open the keys."""
-        numbers = range(len(self.recipes))
+    def answered(self) -> list[int]:
+        """Return the numbers of the sets that have been answered."""
+        return [k for k in range(len(self.recipes)) if self.answer(k).exists()]
+
+    def scored(self, numbers: Sequence[int]) -> list[Scored]:
+        """Open the keys of some sets."""
         unanswered = [self.name(k) for k in numbers if not self.answer(k).exists()]
         if unanswered:
             raise RuntimeError(f"the keys stay closed: no answer yet to {unanswered[0]}")
@@ -94,17 +98,27 @@ def work_through(
         sys.stderr.write("\n")
 
 
-def run(bench: Bench, *, workers: int = 2) -> list[Scored]:
-    """Write what is not written, ask what is not answered, and score."""
-    numbers = range(len(bench.recipes))
+def run(bench: Bench, *, workers: int = 2, minutes: float = math.inf) -> list[Scored]:
+    """Write what is not written, ask what is not answered, and score what is answered.
+
+    Sets are asked in a shuffled order, so that those answered in a limited time are of all kinds;
+    after `minutes` no further set is asked, and its key stays closed.
+    """
+    end = time.perf_counter() + 60 * minutes
+    numbers = np.random.default_rng(0).permutation(len(bench.recipes)).tolist()
     _same_benchmark(bench)
+
+    def ask_in_time(number: int) -> None:
+        if time.perf_counter() < end:
+            bench.ask(number)
+
     with ProcessPoolExecutor(workers) as pool:
         missing = [k for k in numbers if not bench.key(k).exists()]
         work_through(pool, bench.write, missing, "written")
     with ThreadPoolExecutor(workers) as pool:  # each thread waits for a process of its own
         missing = [k for k in numbers if not bench.answer(k).exists()]
-        work_through(pool, bench.ask, missing, "answered")
-    return bench.scored()
+        work_through(pool, ask_in_time, missing, "answered")
+    return bench.scored(bench.answered())
 
 
 def _same_benchmark(bench: Bench) -> None:
@@ -123,6 +137,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--work", type=Path, default=ROOT / "build/hidden")
     parser.add_argument("--program", type=Path, default=ROOT, help="root of what is to answer")
     parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--minutes", type=float, default=math.inf, help="ask no longer than this")
     seeds = parser.add_mutually_exclusive_group()
     seeds.add_argument("--seed", type=int, default=FIXED_SEED)
     seeds.add_argument("--fresh", action="store_true", help="seeds that nobody has seen")
@@ -134,7 +149,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         seed=secrets.randbits(32) if asked.fresh else asked.seed,
         program=asked.program.resolve(),
     )
-    sets = run(bench, workers=asked.workers)
+    sets = run(bench, workers=asked.workers, minutes=asked.minutes)
     sys.stdout.write(table(sets) + "\n")
     if asked.docs:
         (asked.docs / "pictures/hidden-effects.png").write_bytes(picture(sets))

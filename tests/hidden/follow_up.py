@@ -86,14 +86,14 @@ def follow(work: Path, number: int, program: Path) -> Settled:
     key = json.loads((work / "keys" / f"{name}.json").read_text(encoding="utf-8"))
     sequence.parent.mkdir(parents=True, exist_ok=True)
     first = ask_workflow(folder, program, "--experiment-out", str(sequence))
-    before = score(name, key, {**first, "seconds": 0.0})
+    before = score(name, key, first)
     if not sequence.exists():
         return Settled(before=before, after=None, d=0.0)
     protocol = protocol_of(sequence.read_text(encoding="utf-8"))
     d = write_more(folder / "next.csv", key, protocol, [*key["seed"], 1])
     answer = ask_workflow(folder, program, files=("run.csv", "next.csv"))
     hidden = {n: {**v, "d": d[n]} for n, v in key["hidden"].items()}
-    after = score(name, {**key, "group": "single", "hidden": hidden}, {**answer, "seconds": 0.0})
+    after = score(name, {**key, "group": "single", "hidden": hidden}, answer)
     return Settled(before=before, after=after, d=min(d.values()))
 
 

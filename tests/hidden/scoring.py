@@ -26,7 +26,7 @@ class Scored:
     factor: str
     invisible: tuple[str, ...]
     heldout_over_floor: float | None  # over the noise that was really drawn
-    seconds: float
+    seconds: float | None  # of processor time
     outcome: str
 
     @property

@@ -150,13 +150,21 @@ def alias_sizes(sets: Sequence[Scored]) -> str:
     return f"Alias sets that were right hold {np.median(sizes):.0f} names (most {max(sizes)})."
 
 
+def speed(sets: Sequence[Scored]) -> str:
+    seconds = np.array([s.seconds for s in sets if s.seconds is not None])
+    if not seconds.size:
+        return "Nothing is known of the time."
+    return (
+        f"An answer took {np.median(seconds):.1f} s of processor time at the median, "
+        f"{seconds.max():.1f} s at most."
+    )
+
+
 def table(sets: Sequence[Scored]) -> str:
     """Return everything as text."""
-    seconds = np.array([s.seconds for s in sets])
     return "\n\n".join(
         [
-            f"{len(sets)} data sets; an answer took {np.median(seconds):.1f} s "
-            f"(longest {seconds.max():.1f} s).",
+            f"{len(sets)} data sets. {speed(sets)}",
             rates_table(sets),
             confusion_table(sets),
             conditions_table(sets),
@@ -171,7 +179,6 @@ TEMPLATE = Path(__file__).with_name("page.template.md")
 
 def page(sets: Sequence[Scored]) -> str:
     """Return the document."""
-    seconds = np.array([s.seconds for s in sets])
     return TEMPLATE.read_text(encoding="utf-8").format(
         n=len(sets),
         rates=rates_table(sets),
@@ -179,8 +186,7 @@ def page(sets: Sequence[Scored]) -> str:
         conditions=conditions_table(sets),
         alias_sizes=alias_sizes(sets),
         faults=faults(sets),
-        median=float(np.median(seconds)),
-        longest=float(seconds.max()),
+        speed=speed(sets),
     )
 
 

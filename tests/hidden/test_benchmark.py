@@ -125,7 +125,8 @@ def test_the_keys_stay_closed_until_all_have_answered(tmp_path: Path) -> None:
     bench.answer(0).parent.mkdir()
     bench.answer(0).write_text(json.dumps(answer("nothing")), encoding="utf-8")
     with pytest.raises(RuntimeError, match="no answer yet to set-0001"):
-        bench.scored()
+        bench.scored([0, 1])
+    assert bench.answered() == [0]
 
 
 def test_what_is_answered_is_not_asked_again(tmp_path: Path) -> None:
