@@ -232,6 +232,12 @@ def acceptance(sets: Sequence[Scored]) -> list[Rate]:
             least=0.90,
         ),
         _count(
+            "lag without scale tempco, τ ≤ 15 s: named rightly or in an alias set",
+            of.get("fast lag", []),
+            _right,
+            least=0.90,
+        ),
+        _count(
             "white, white + OU: held-out rms after ≤ 1.05 of the noise drawn (predictive effects)",
             (s for s in predictive if s.noise in stationary and s.heldout_over_floor),
             lambda s: (s.heldout_over_floor or 9.0) <= 1.05,

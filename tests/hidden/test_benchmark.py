@@ -99,7 +99,7 @@ def test_rates_are_of_the_sets_they_name() -> None:
     found = [(r.good, r.of) for r in acceptance(sets)]
     assert found == [
         (0, 1), (0, 0), (1, 2), (0, 1), (1, 4), (0, 1), (1, 1), (0, 0), (1, 1), (0, 0), (0, 0),
-        (0, 0),
+        (0, 0), (0, 0),
     ]  # fmt: skip
     text = table(sets)
     assert "1 of 2 = 50.0 %" in text
