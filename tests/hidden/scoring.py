@@ -1,11 +1,13 @@
 """Hold answers against keys. Nothing here is used before all answers are on disk."""
 
+import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from scipy import stats
 
+STEADY = ("white", "white+OU")
 REPEATABLE_OUTSIDE = ("periodic_in_temperature",)
 # what a run that was not measured yet cannot be told of
 NOT_PREDICTIVE = ("turn_on_offset", "bias_step", "bias_drift", "run_in", "warm_up")
@@ -25,7 +27,8 @@ class Scored:
     aliases: tuple[tuple[str, ...], ...]
     factor: str
     invisible: tuple[str, ...]
-    heldout_over_floor: float | None  # over the noise that was really drawn
+    heldout_over_noise: float | None  # rms after, over the noise that was really drawn
+    heldout_over_floor: float | None  # the same over the floor that was stated
     seconds: float | None  # of processor time
     outcome: str
 
@@ -59,7 +62,8 @@ def score(name: str, key: dict[str, Any], answer: dict[str, Any]) -> Scored:
     heldout_part: dict[str, Any] = said.get("heldout") or {}
     where: dict[str, Any] = said.get("where") or {}
     heldout: float | None = heldout_part.get("after_ug")
-    floor = key.get("noise_rms_ug")
+    drawn: float | None = key.get("noise_rms_ug")
+    floor: float | None = said.get("floor_ug")
     return Scored(
         name=name,
         group=key["group"],
@@ -71,6 +75,7 @@ def score(name: str, key: dict[str, Any], answer: dict[str, Any]) -> Scored:
         aliases=aliases,
         factor=str(where.get("factor") or ""),
         invisible=tuple(map(str, said.get("invisible") or ())),
+        heldout_over_noise=heldout / drawn if heldout and drawn else None,
         heldout_over_floor=heldout / floor if heldout and floor else None,
         seconds=answer["seconds"],
         outcome=outcome(key["group"], set(key["hidden"]), said["verdict"], bare, aliases),
@@ -129,12 +134,12 @@ class Rate:
 
     @property
     def met(self) -> bool | None:
-        """Whether the measured share is on the asked side; None without data."""
-        if not self.of:
+        """Whether the measured share is on the asked side; None where nothing is asked or known."""
+        if not self.of or (self.least is None and self.most is None):
             return None
-        if self.least is not None:
-            return self.share >= self.least
-        return self.most is None or self.share <= self.most
+        return (
+            self.share >= self.least if self.least is not None else self.share <= (self.most or 0)
+        )
 
 
 def _count(
@@ -157,7 +162,6 @@ def acceptance(sets: Sequence[Scored]) -> list[Rate]:
     """Return the rates that the acceptance of the workflow asks for, in its order."""
     of = {g: [s for s in sets if s.group == g] for g in {s.group for s in sets}}
     nothing, single = of.get("nothing", []), of.get("single", [])
-    stationary = ("white", "white+OU")
     library = [s for s in sets if s.group in ("single", "pair", "slow lag", "fast lag")]
     strange = [s for s in of.get("outside", []) if set(s.hidden) <= set(REPEATABLE_OUTSIDE)]
     fleeting = [s for s in of.get("outside", []) if s not in strange]
@@ -165,13 +169,13 @@ def acceptance(sets: Sequence[Scored]) -> list[Rate]:
     return [
         _count(
             "nothing hidden, white or white + OU: a false verdict",
-            (s for s in nothing if s.noise in stationary),
+            (s for s in nothing if s.noise in STEADY),
             lambda s: s.outcome != "silent",
             most=0.02,
         ),
         _count(
             "nothing hidden, random walk or flicker: a false verdict",
-            (s for s in nothing if s.noise not in stationary),
+            (s for s in nothing if s.noise not in STEADY),
             lambda s: s.outcome != "silent",
             most=0.05,
         ),
@@ -237,10 +241,29 @@ def acceptance(sets: Sequence[Scored]) -> list[Rate]:
             _right,
             least=0.90,
         ),
+        *_held_out(predictive, "found effects that a new run can show"),
+        *_held_out(
+            [s for s in nothing if s.outcome == "silent"],
+            "nothing hidden or found: what the drift alone does",
+            least=None,
+        ),
+    ]
+
+
+def _held_out(sets: Sequence[Scored], what: str, least: float | None = 0.95) -> list[Rate]:
+    """Return how often a run that was not fitted is predicted to the noise, under steady noise."""
+    steady = [s for s in sets if s.noise in STEADY and s.heldout_over_noise]
+    return [
         _count(
-            "white, white + OU: held-out rms after ≤ 1.05 of the noise drawn (predictive effects)",
-            (s for s in predictive if s.noise in stationary and s.heldout_over_floor),
-            lambda s: (s.heldout_over_floor or 9.0) <= 1.05,
-            least=0.95,
+            f"white, white + OU: held-out rms after ≤ 1.05 of the floor stated ({what})",
+            steady,
+            lambda s: (s.heldout_over_floor or math.inf) <= 1.05,
+            least=least,
+        ),
+        _count(
+            f"the same, of the noise drawn ({what})",
+            steady,
+            lambda s: (s.heldout_over_noise or math.inf) <= 1.05,
+            least=least,
         ),
     ]

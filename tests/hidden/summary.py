@@ -71,7 +71,11 @@ def confusion(sets: Sequence[Scored]) -> tuple[list[str], list[str], np.ndarray]
 
 def rate_line(rate: Rate) -> str:
     low, high = rate.limits
-    asked = f"≥ {rate.least:.0%}" if rate.least is not None else f"≤ {rate.most:.0%}"
+    asked = "–"
+    if rate.least is not None:
+        asked = f"≥ {rate.least:.0%}"
+    elif rate.most is not None:
+        asked = f"≤ {rate.most:.0%}"
     met = {True: "yes", False: "**no**", None: "–"}[rate.met]
     if not rate.of:
         return f"| {rate.text} | {asked} | – | – | – |"

@@ -74,7 +74,9 @@ def test_held_out_is_measured_by_the_noise_that_was_drawn() -> None:
     heldout = {"before_ug": 20.0, "after_ug": 5.2, "runs": ["1"]}
     said = answer("named", [LAG], heldout=heldout, floor_ug=6.0)
     opened = {**key(thermal_lag=40.0), "noise_rms_ug": 5.0}
-    assert score("s", opened, said).heldout_over_floor == pytest.approx(1.04)
+    one = score("s", opened, said)
+    assert one.heldout_over_noise == pytest.approx(1.04)
+    assert one.heldout_over_floor == pytest.approx(5.2 / 6.0)
 
 
 def test_a_crash_is_a_failure_not_a_silence() -> None:
@@ -99,7 +101,7 @@ def test_rates_are_of_the_sets_they_name() -> None:
     found = [(r.good, r.of) for r in acceptance(sets)]
     assert found == [
         (0, 1), (0, 0), (1, 2), (0, 1), (1, 4), (0, 1), (1, 1), (0, 0), (1, 1), (0, 0), (0, 0),
-        (0, 0), (0, 0),
+        (0, 0), (0, 0), (0, 0), (0, 0), (0, 0),
     ]  # fmt: skip
     text = table(sets)
     assert "1 of 2 = 50.0 %" in text
