@@ -12,6 +12,7 @@ import argparse
 import json
 import sys
 import tomllib
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -85,9 +86,10 @@ def follow(work: Path, number: int, program: Path) -> Settled:
     folder, sequence = work / "data" / name, work / "next" / f"{name}.toml"
     key = json.loads((work / "keys" / f"{name}.json").read_text(encoding="utf-8"))
     sequence.parent.mkdir(parents=True, exist_ok=True)
+    sequence.unlink(missing_ok=True)  # of an earlier time: the command writes over nothing
     first = ask_workflow(folder, program, "--experiment-out", str(sequence))
     before = score(name, key, first)
-    if not sequence.exists():
+    if before.outcome == "named" or not sequence.exists():  # settled, or nothing proposed
         return Settled(before=before, after=None, d=0.0)
     protocol = protocol_of(sequence.read_text(encoding="utf-8"))
     d = write_more(folder / "next.csv", key, protocol, [*key["seed"], 1])
@@ -105,7 +107,12 @@ def table(settled: Sequence[Settled]) -> str:
         hidden = ", ".join(f"{n} {v['size']:.3g} {v['unit']}" for n, v in s.before.hidden.items())
         said = [*s.before.bare, *(" or ".join(a) for a in s.before.aliases)]
         first = f"{s.before.verdict} {', '.join(said)}"
-        then = "nothing proposed" if s.after is None else f"{s.after.outcome}: {s.after.verdict}"
+        then = "nothing proposed"
+        if s.after is not None:
+            named = [*s.after.bare, *(" or ".join(a) for a in s.after.aliases)]
+            then = f"{s.after.outcome}: {', '.join(named) or s.after.verdict}"
+        elif s.before.outcome == "named":
+            then = "not needed"
         lines.append(f"| {hidden} | {s.before.protocol} | {first} | {s.d:.1f} | {then} |")
     return head + "\n".join(lines)
 
@@ -123,9 +130,10 @@ def main(argv: Sequence[str] | None = None) -> int:
             )
             sys.stderr.write(f"\r{path.stem} ")
     sys.stdout.write("\n" + table(settled) + "\n")
-    good = [s.after is not None and s.after.outcome == "named" for s in settled]
-    sys.stdout.write(f"\nnamed after the proposed experiment: {sum(good)} of {len(good)}\n")
-    return 0 if all(good) else 1
+    open_first = [s for s in settled if s.before.outcome != "named"]
+    after = Counter(s.after.outcome if s.after else "nothing proposed" for s in open_first)
+    sys.stdout.write(f"\nopen at first: {len(open_first)}; then {dict(after)}\n")
+    return 0 if after["named"] == len(open_first) else 1
 
 
 if __name__ == "__main__":
