@@ -58,7 +58,9 @@ class Series:
     def __post_init__(self) -> None:
         values, sigmas = readonly(self.values), readonly(self.sigmas)
         if values.ndim != 1 or values.shape != sigmas.shape or values.size < 3:
-            raise ValueError(f"{self.name}: shapes {values.shape}, {sigmas.shape}; expected (n ≥ 3)")
+            raise ValueError(
+                f"{self.name}: shapes {values.shape}, {sigmas.shape}; expected (n ≥ 3)"
+            )
         if not (np.isfinite(values).all() and np.isfinite(sigmas).all() and self.limit > 0):
             raise ValueError(f"{self.name}: estimates must be finite and the limit positive")
         freeze(self, values=values, sigmas=sigmas)
@@ -198,9 +200,7 @@ def _drawn(grid: _Grid, kappa: IntArray, at: IntArray, rng: np.random.Generator)
     """Draw coefficients, kicks so far and kicks to come at the grid points given."""
     n, limit = grid.shifted.size, grid.series.limit
     root = np.linalg.cholesky(np.linalg.inv(grid.precision))
-    level, size = (
-        grid.mean[at] + (root[at] @ rng.standard_normal((at.size, 2, 1)))[:, :, 0]
-    ).T
+    level, size = (grid.mean[at] + (root[at] @ rng.standard_normal((at.size, 2, 1)))[:, :, 0]).T
     seen, ahead = grid.shape[at, :n], grid.shape[at, n:]
     curve = level[:, None] + size[:, None] * seen
     gain = grid.kick_cov[at] @ grid.inverse[at]

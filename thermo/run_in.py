@@ -1,4 +1,4 @@
-"""Run-in: has an accelerometer settled, how many cycles are still needed, was it worth it?
+"""Run-in: whether an accelerometer has settled, and how many cycles it still needs.
 
 The rule is a sequential test. After each cycle the future of K0 and K1 is inferred
 (`thermo.relaxation`) and the accelerometer has settled when, with the confidence asked for, none of

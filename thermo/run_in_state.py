@@ -112,9 +112,7 @@ def _moved(
     for slip in range(int(before.travel_c / SLIP_TRAVEL_C), int(travel_c / SLIP_TRAVEL_C)):
         rng = np.random.default_rng([stress.seed, stream, slip])
         kicked += float(size * rng.standard_normal())
-    return _State(
-        time_s=time_s, x_c=x_c, travel_c=travel_c, log_stress=log_stress, kicked=kicked
-    )
+    return _State(time_s=time_s, x_c=x_c, travel_c=travel_c, log_stress=log_stress, kicked=kicked)
 
 
 def _hours_at(stress: AssemblyStress, x_c: float) -> float:

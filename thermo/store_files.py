@@ -77,8 +77,24 @@ def export_recorded(store: Store, test_id: str, path: Path) -> tuple[Exported, .
     InputError
         If a file cannot be written.
     """
+    records = recorded_runs(store, test_id)
+    done: list[Exported] = []
+    for name, record in zip(export_paths(store, test_id, path), records, strict=True):
+        write_runs(record, name)
+        done.append(Exported(path=name, record=record))
+    return tuple(done)
+
+
+def recorded_runs(store: Store, test_id: str) -> tuple[RecordedRuns, ...]:
+    """Return a test as recorded runs, one for each unit and nominal scale.
+
+    Raises
+    ------
+    StoreError
+        If there is no such test or it has no readings.
+    """
     config = StationConfig.model_validate_json(store.test(test_id).station_json)
-    records = [
+    return tuple(
         export_test(
             store,
             test_id,
@@ -89,12 +105,7 @@ def export_recorded(store: Store, test_id: str, path: Path) -> tuple[Exported, .
             serials=group.serials,
         )
         for group in _groups(store, test_id)
-    ]
-    done: list[Exported] = []
-    for name, record in zip(export_paths(store, test_id, path), records, strict=True):
-        write_runs(record, name)
-        done.append(Exported(path=name, record=record))
-    return tuple(done)
+    )
 
 
 def _groups(store: Store, test_id: str) -> Sequence[_Group]:
