@@ -180,8 +180,8 @@ def _posterior(series: Series, law: Law) -> _Grid:
     weighed = columns.transpose(0, 2, 1) @ inverse
     precision = weighed @ columns + np.diag([1.0 / (LEVEL_WIDER * size) ** 2, 1.0 / size**2])
     target = weighed @ shifted
-    mean = np.linalg.solve(precision, target[:, :, None])[:, :, 0]
-    chi2 = shifted @ (inverse @ shifted[:, None])[:, :, 0].T - (target * mean).sum(axis=1)
+    mean = np.asarray(np.linalg.solve(precision, target[:, :, None]), dtype=float)[:, :, 0]
+    chi2 = inverse @ shifted @ shifted - (target * mean).sum(axis=1)
     log_det = np.linalg.slogdet(cov)[1] + np.linalg.slogdet(precision)[1]
     return _Grid(
         series=series,

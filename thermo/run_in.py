@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from errormodel.arrays import FloatArray
+from errormodel.arrays import FloatArray, IntArray
 from thermo.relaxation import HORIZON, LAWS, Draws, Law, Series, relax
 
 DRAWS = 4000  # a probability of 0.95 is then known to 0.0035
@@ -38,8 +38,8 @@ class Relaxation:
 
     `kappa`, `amplitude`, `final` and `remaining` are median and standard deviation; `remaining` is
     the change still to come after the last cycle. `before` and `after` are None with fewer than
-    four cycles. `estimate_sigma` is what the median estimate itself is known to: an instability
-    of that size is noise.
+    four cycles. `estimate_sigma` is what the estimates at the end are themselves known to
+    (median): an instability of that size is noise.
     """
 
     series: Series
@@ -93,7 +93,8 @@ class RunInVerdict:
         risk = 100 * (1 - self.confidence)
         if self.settled:
             what = f"settled after {self.cycles} cycles: no further change above the limits"
-            return f"{self.serial}: {what}, risk {100 * (1 - self.settled_probability):.2g} %"
+            left = max(1 - self.settled_probability, 1 / DRAWS)  # no draw tells of a smaller one
+            return f"{self.serial}: {what}, risk {100 * left:.2g} %"
         low, high = self.cycles_needed
         more = f"{low} to {high}" if high is not None else f"{low} to more than {HORIZON}"
         return (
@@ -133,8 +134,8 @@ def judge_run_in(
     ratio = by_law[1][1] - by_law[0][1]
     better = int(ratio > 0)
     draws = by_law[better][0]
-    needed = np.max([one.needed for one in draws], axis=0)
-    probability = float(np.mean(needed == 0))
+    needed = np.vstack([one.needed for one in draws]).max(axis=0)
+    probability = np.count_nonzero(needed == 0) / needed.size
     return RunInVerdict(
         serial=serial,
         cycles=lengths.pop(),
@@ -150,7 +151,7 @@ def judge_run_in(
     )
 
 
-def _interval(needed: FloatArray, confidence: float) -> tuple[int, int | None]:
+def _interval(needed: IntArray, confidence: float) -> tuple[int, int | None]:
     """Return the cycles that are too few, and enough, with the risk 1 − confidence each."""
     ordered = np.sort(needed)
     last = ordered.size - 1
@@ -171,7 +172,7 @@ def _relaxation(series: Series, draws: Draws, confidence: float, window: int) ->
         remaining=_summary(draws.future[:, -1]),
         before=spread_of(series.values[:count]) if enough else None,
         after=spread_of(series.values[-count:]) if enough else None,
-        estimate_sigma=float(np.median(series.sigmas)),
+        estimate_sigma=float(np.median(series.sigmas[-max(count, 1) :])),
         cycles_needed=_interval(draws.needed, confidence),
     )
 

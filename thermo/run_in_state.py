@@ -31,8 +31,9 @@ class AssemblyStress:
     Attributes
     ----------
     bias_ug, scale_ppm : float
-        By how much bias and scale factor are off right after assembly. Assumed of the size of a
-        year's composite repeatability of navigation-grade units (data sheets: 160 µg, 310 ppm).
+        By how much bias and scale factor are off right after assembly. Assumed, some twice and
+        once a year's composite repeatability of navigation-grade units (160 µg and 310 ppm, from
+        memory of data sheets).
     cycles : float
         Cycles of −40…+70 °C in which the stress falls to 1/e.
     kick_share : float
@@ -45,8 +46,8 @@ class AssemblyStress:
         Of the kicks.
     """
 
-    bias_ug: float = 160.0
-    scale_ppm: float = 160.0
+    bias_ug: float = 300.0
+    scale_ppm: float = 300.0
     cycles: float = 2.5
     kick_share: float = 0.1
     hot_hours: float = 1000.0

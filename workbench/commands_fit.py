@@ -75,7 +75,7 @@ def fit(
     if out is not None:
         checked_output(out, inputs, force=force)
     if report is not None:
-        _check_report(report, force=force)
+        checked_report(report, force=force)
     given = read_terms(terms) if terms else None
     record = read_runs(paths)
     fits = _fit(record, given, wanted)
@@ -130,7 +130,8 @@ def _runs_and_ids(
     return paths, (*holdout, *more)
 
 
-def _check_report(folder: Path, *, force: bool) -> None:
+def checked_report(folder: Path, *, force: bool) -> None:
+    """Check where a report shall go, before anything is computed."""
     if folder.exists() and not folder.is_dir():
         raise click.UsageError(f"--report {folder}: is a file, expected a folder")
     if folder.is_dir():

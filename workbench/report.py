@@ -97,16 +97,9 @@ def render_report(
     """Return a report's files by name, without writing any."""
     extras = extras or ReportExtras()
     drawn = list(pictures(fits, runs))
-    environment = Environment(
-        loader=PackageLoader("workbench"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    html = environment.get_template("report.html.j2").render(
+    html = render_page(
+        "report.html.j2",
         title=title,
-        made=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
         model=extras.model or make_model_file(fits),
         clip_rule=CLIP_RULE,
         summary=_summary(fits),
@@ -114,12 +107,36 @@ def render_report(
         coefficients=_coefficients(fits),
         sources=_sources(fits, runs),
         conventions=CONVENTIONS,
-        software=_software(),
-        figures=[_embedded(p) for p in drawn],
+        drawn=drawn,
         unpictured=max(0, len(fits) - MAX_ACCELEROMETERS),
         extras=extras,
     )
-    return {REPORT_NAME: html.encode(), **{p.name: p.png for p in drawn}}
+    return {REPORT_NAME: html, **{p.name: p.png for p in drawn}}
+
+
+def render_page(template: str, *, drawn: Sequence[Picture], **values: object) -> bytes:
+    """Return a page made of a template, with its pictures in it.
+
+    Parameters
+    ----------
+    template : str
+        Its name in workbench/templates.
+    drawn : sequence of Picture
+        In the template `figures`; beside them it has `made` and `software`.
+    **values
+        What else the template shows.
+    """
+    environment = Environment(
+        loader=PackageLoader("workbench"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    made = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")
+    figures = [_embedded(p) for p in drawn]
+    page = environment.get_template(template)
+    return page.render(made=made, software=_software(), figures=figures, **values).encode()
 
 
 def _embedded(one: Picture) -> dict[str, str]:
