@@ -17,11 +17,11 @@ import numpy as np
 from errormodel.arrays import FloatArray, IntArray, freeze, readonly
 
 Law = Literal["exponential", "hyperbolic"]
-LAWS: tuple[Law, ...] = ("exponential", "hyperbolic")
 
 KAPPA = np.geomspace(0.5, 60.0, 32)  # cycles
-KICK = np.geomspace(0.05, 20.0, 6)  # h, in limits
-SCATTER = np.geomspace(0.03, 3.0, 5)  # ρ, in limits
+KICK = (0.05, 20.0, 6)  # h, in limits: from, to, how many
+SCATTER = (0.03, 3.0, 5)  # ρ, in limits
+QUIET = 0.3  # where estimates are much better than the limit, both begin at this share of a sigma
 # Prior of A: so many limits, or so many times what was seen, whichever is more.
 AMPLITUDE_LIMITS, AMPLITUDE_SEEN = 50.0, 3.0
 LEVEL_WIDER = 20.0  # c∞ is known that much less than A beforehand
@@ -114,38 +114,55 @@ class _Grid:
     precision: FloatArray  # (g, 2, 2)
     log_weight: FloatArray  # (len(KAPPA), g / len(KAPPA))
 
+    @property
+    def by_kappa(self) -> FloatArray:
+        """The logarithm of the weight of each κ."""
+        return np.logaddexp.reduce(self.log_weight, axis=1)
 
-def relax(
-    series: Sequence[Series], law: Law, draws: int, rng: np.random.Generator
-) -> tuple[tuple[Draws, ...], float]:
-    """Infer past and future of the coefficients of one accelerometer.
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Relaxing:
+    """What the estimates of one accelerometer say under one law: `weigh` makes it.
+
+    `log_evidence` compares laws; `of_centre` is the logarithm of the weight of each κ that the
+    coefficients' own lie around.
+    """
+
+    law: Law
+    grids: tuple[_Grid, ...]
+    log_near: FloatArray
+    of_centre: FloatArray
+
+    @property
+    def log_evidence(self) -> float:
+        """Natural logarithm of the law's evidence."""
+        return float(np.logaddexp.reduce(self.of_centre))
+
+    def draw(self, count: int, rng: np.random.Generator) -> tuple[Draws, ...]:
+        """Draw pasts and futures, one `Draws` for each series."""
+        centre = _choose(np.broadcast_to(self.of_centre, (count, KAPPA.size)), rng)
+        drawn: list[Draws] = []
+        for grid in self.grids:
+            kappa = _choose((self.log_near + grid.by_kappa)[centre], rng)
+            rest = _choose(grid.log_weight[kappa], rng)
+            drawn.append(_drawn(grid, kappa, kappa * grid.log_weight.shape[1] + rest, rng))
+        return tuple(drawn)
+
+
+def weigh(series: Sequence[Series], law: Law) -> Relaxing:
+    """Infer the coefficients of one accelerometer under a law.
 
     Parameters
     ----------
     series : sequence of Series
         Of one length; their κ are near one another (`KAPPA_SPREAD`).
     law : {"exponential", "hyperbolic"}
-    draws : int
-    rng : numpy.random.Generator
-
-    Returns
-    -------
-    tuple of Draws, float
-        One for each series, and the logarithm of the law's evidence.
     """
-    grids = [_posterior(one, law) for one in series]
+    grids = tuple(_posterior(one, law) for one in series)
     near = np.exp(-0.5 * (np.log(KAPPA[:, None] / KAPPA) / KAPPA_SPREAD) ** 2)
     log_near = np.log(near / near.sum(axis=1, keepdims=True) + 1e-300)
-    by_kappa = [np.logaddexp.reduce(grid.log_weight, axis=1) for grid in grids]
-    # the logarithm of each centre's weight: the coefficients' κ lie around it
-    of_centre = sum(np.logaddexp.reduce(log_near + one, axis=1) for one in by_kappa)
-    centre = _choose(np.broadcast_to(of_centre, (draws, KAPPA.size)), rng)
-    drawn: list[Draws] = []
-    for grid, weight in zip(grids, by_kappa, strict=True):
-        kappa = _choose((log_near + weight)[centre], rng)
-        rest = _choose(grid.log_weight[kappa], rng)
-        drawn.append(_drawn(grid, kappa, kappa * grid.log_weight.shape[1] + rest, rng))
-    return tuple(drawn), float(np.logaddexp.reduce(np.asarray(of_centre)))
+    of_each = [np.logaddexp.reduce(log_near + grid.by_kappa, axis=1) for grid in grids]
+    return Relaxing(law=law, grids=grids, log_near=log_near, of_centre=np.sum(of_each, axis=0))
 
 
 def _choose(log_weight: FloatArray, rng: np.random.Generator) -> IntArray:
@@ -164,7 +181,9 @@ def law_shape(law: Law, cycle: FloatArray, kappa: FloatArray) -> FloatArray:
 
 def _posterior(series: Series, law: Law) -> _Grid:
     n = series.values.size
-    kappa, kick, scatter = (a.ravel() for a in np.meshgrid(KAPPA, KICK, SCATTER, indexing="ij"))
+    quiet = QUIET * max(float(np.min(series.sigmas)) / series.limit, 1e-6)
+    kicks, scatters = (np.geomspace(min(lo, quiet), hi, m) for lo, hi, m in (KICK, SCATTER))
+    kappa, kick, scatter = (a.ravel() for a in np.meshgrid(KAPPA, kicks, scatters, indexing="ij"))
     ahead = law_shape(law, np.arange(n + HORIZON, dtype=float), kappa[:, None])
     shape = np.column_stack([ahead, np.zeros(kappa.size)])
     seen = shape[:, :n]
@@ -203,9 +222,11 @@ def _drawn(grid: _Grid, kappa: IntArray, at: IntArray, rng: np.random.Generator)
     level, size = (grid.mean[at] + (root[at] @ rng.standard_normal((at.size, 2, 1)))[:, :, 0]).T
     seen, ahead = grid.shape[at, :n], grid.shape[at, n:]
     curve = level[:, None] + size[:, None] * seen
-    gain = grid.kick_cov[at] @ grid.inverse[at]
-    kicked = (gain @ (grid.shifted - curve)[:, :, None])[:, :, 0]
-    left = grid.kick_cov[at, -1, -1] - (gain[:, -1] * grid.kick_cov[at, -1]).sum(axis=1)
+    apart = grid.inverse[at] @ (grid.shifted - curve)[:, :, None]
+    kicked = (grid.kick_cov[at] @ apart)[:, :, 0]
+    to_last = grid.kick_cov[:, -1:]
+    known = (to_last @ grid.inverse @ to_last.transpose(0, 2, 1))[:, 0, 0]
+    left = (grid.kick_cov[:, -1, -1] - known)[at]
     last = curve[:, -1] + kicked[:, -1]
     last += np.sqrt(np.maximum(left, 0.0)) * rng.standard_normal(at.size)
     kicks = grid.kick[at, None] * ahead * rng.standard_normal(ahead.shape)

@@ -14,11 +14,12 @@ import numpy as np
 from scipy import stats
 
 from errormodel.arrays import FloatArray, IntArray
-from thermo.relaxation import HORIZON, LAWS, Draws, Law, Series, relax
+from thermo.relaxation import HORIZON, Draws, Law, Series, weigh
 
 DRAWS = 4000  # a probability of 0.95 is then known to 0.0035
 SEED = 1  # the same estimates always give the same verdict
 MIN_CYCLES = 3
+EXCLUDED = 3.0  # a law is excluded at odds of 20, of which this is the logarithm
 # So many cycles at either end make the instability before and after, fewer when there are fewer.
 WINDOW = 4
 
@@ -66,6 +67,8 @@ class RunInVerdict:
         The law that the estimates support better.
     log_evidence_ratio : float
         Natural logarithm of the hyperbolic law's evidence over the exponential one's.
+    other_law_needs : (int, int or None) or None
+        `cycles_needed` under the other law; None when the estimates exclude that one.
     coefficients : tuple of Relaxation
     settled_probability : float
         That no coefficient will again change by more than its limit.
@@ -74,13 +77,14 @@ class RunInVerdict:
         Whether `settled_probability` reaches `confidence`.
     cycles_needed : (int, int or None)
         Fewer than the first or more than the second are needed with a probability of at most
-        1 − `confidence` each; None: more than `thermo.relaxation.HORIZON`.
+        1 − `confidence` each, under `law`; None: more than `thermo.relaxation.HORIZON`.
     """
 
     serial: str
     cycles: int
     law: Law
     log_evidence_ratio: float
+    other_law_needs: tuple[int, int | None] | None
     coefficients: tuple[Relaxation, ...]
     settled_probability: float
     confidence: float
@@ -95,11 +99,9 @@ class RunInVerdict:
             what = f"settled after {self.cycles} cycles: no further change above the limits"
             left = max(1 - self.settled_probability, 1 / DRAWS)  # no draw tells of a smaller one
             return f"{self.serial}: {what}, risk {100 * left:.2g} %"
-        low, high = self.cycles_needed
-        more = f"{low} to {high}" if high is not None else f"{low} to more than {HORIZON}"
         return (
-            f"{self.serial}: not settled after {self.cycles} cycles; cycles still needed: {more} "
-            f"(risk {risk:.2g} % on either side)"
+            f"{self.serial}: not settled after {self.cycles} cycles; cycles still needed: "
+            f"{needed_text(self.cycles_needed)} (risk {risk:.2g} % on either side)"
         )
 
 
@@ -130,17 +132,20 @@ def judge_run_in(
     lengths = {one.values.size for one in series}
     if len(lengths) != 1 or not 0.5 < confidence < 1:
         raise ValueError(f"series of {sorted(lengths)} cycles, confidence {confidence}")
-    by_law = [relax(series, law, DRAWS, np.random.default_rng(SEED)) for law in LAWS]
-    ratio = by_law[1][1] - by_law[0][1]
-    better = int(ratio > 0)
-    draws = by_law[better][0]
-    needed = np.vstack([one.needed for one in draws]).max(axis=0)
-    probability = np.count_nonzero(needed == 0) / needed.size
+    exponential, hyperbolic = weigh(series, "exponential"), weigh(series, "hyperbolic")
+    ratio = hyperbolic.log_evidence - exponential.log_evidence
+    better, other = (hyperbolic, exponential) if ratio > 0 else (exponential, hyperbolic)
+    draws = better.draw(DRAWS, np.random.default_rng(SEED))
+    needed = _of_all(draws)
+    probability = float(np.mean(needed == 0))
+    open_question = abs(ratio) < EXCLUDED
+    rest = other.draw(DRAWS, np.random.default_rng(SEED)) if open_question else ()
     return RunInVerdict(
         serial=serial,
         cycles=lengths.pop(),
-        law=LAWS[better],
+        law=better.law,
         log_evidence_ratio=ratio,
+        other_law_needs=_interval(_of_all(rest), confidence) if rest else None,
         coefficients=tuple(
             _relaxation(s, d, confidence, window) for s, d in zip(series, draws, strict=True)
         ),
@@ -151,11 +156,24 @@ def judge_run_in(
     )
 
 
+def needed_text(needed: tuple[int, int | None]) -> str:
+    """Write how many cycles are still needed."""
+    low, high = needed
+    if high is None:
+        return f"more than {low}" if low == HORIZON else f"{low} to more than {HORIZON}"
+    return f"{low}" if low == high else f"{low} to {high}"
+
+
+def _of_all(draws: Sequence[Draws]) -> IntArray:
+    """Return the cycles needed until the last of the coefficients has settled, shape (m,)."""
+    return np.vstack([one.needed for one in draws]).max(axis=0)
+
+
 def _interval(needed: IntArray, confidence: float) -> tuple[int, int | None]:
     """Return the cycles that are too few, and enough, with the risk 1 − confidence each."""
     ordered = np.sort(needed)
     last = ordered.size - 1
-    low = int(ordered[int(np.floor((1 - confidence) * last))])
+    low = min(int(ordered[int(np.floor((1 - confidence) * last))]), HORIZON)
     high = int(ordered[min(last, int(np.ceil(confidence * ordered.size)) - 1)])
     return low, (high if high <= HORIZON else None)
 

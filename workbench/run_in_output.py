@@ -5,8 +5,7 @@ from typing import Any
 
 from rich.console import RenderableType
 
-from thermo.relaxation import HORIZON
-from thermo.run_in import Relaxation, RunInVerdict, Spread
+from thermo.run_in import Relaxation, RunInVerdict, Spread, needed_text
 from workbench.console import number, table
 from workbench.fit_output import value_and_sigma
 
@@ -15,6 +14,8 @@ DEFINITION = (
     "temperature. Instability is the standard deviation (1 σ) between the runs at the beginning "
     "(before) and at the end (after); IEEE 528 calls the agreement of runs repeatability."
 )
+
+LAW_TEXT = {"exponential": "exponential exp(−k/κ)", "hyperbolic": "slow 1/(1 + k/κ)"}
 
 
 def run_in_document(verdicts: Sequence[RunInVerdict]) -> list[dict[str, Any]]:
@@ -34,6 +35,7 @@ def _accelerometer(v: RunInVerdict) -> dict[str, Any]:
         "settled_probability": v.settled_probability,
         "risk": 1 - v.confidence,
         "law": v.law,
+        "other_law_needs": None if v.other_law_needs is None else list(v.other_law_needs),
         "log_evidence_hyperbolic_over_exponential": v.log_evidence_ratio,
         "sentence": v.sentence,
         "coefficients": {c.series.name: _coefficient(c) for c in v.coefficients},
@@ -97,14 +99,6 @@ def run_in_rows(verdicts: Sequence[RunInVerdict]) -> Iterator[tuple[str, ...]]:
             )
 
 
-def needed_text(needed: tuple[int, int | None]) -> str:
-    """Write how many cycles are still needed."""
-    low, high = needed
-    if high is None:
-        return f"{low} to more than {HORIZON}"
-    return f"{low}" if low == high else f"{low} to {high}"
-
-
 def _spread_text(spread: Spread | None) -> str:
     if spread is None:
         return "–"
@@ -119,12 +113,13 @@ def _ratio(c: Relaxation) -> str:
 
 
 def law_sentence(v: RunInVerdict) -> str:
-    """Tell which law of relaxation the estimates support, and how clearly."""
-    odds = abs(v.log_evidence_ratio)
-    clear = "clearly" if odds > 3 else "slightly"  # odds of 20
-    other = "slow 1/(1 + k/κ)" if v.law == "exponential" else "exponential exp(−k/κ)"
-    mine = "exponential exp(−k/κ)" if v.law == "exponential" else "slow 1/(1 + k/κ)"
-    return f"the {mine} law is used; the estimates support it {clear} more than the {other} one"
+    """Tell which law of relaxation is used, and what the other one would ask for."""
+    law, other = sorted(LAW_TEXT, key=lambda name: name != v.law)
+    used = f"judged by the {LAW_TEXT[law]} law"
+    if v.other_law_needs is None:
+        return f"{used}; the {LAW_TEXT[other]} one is excluded at odds of 20"
+    more = needed_text(v.other_law_needs)
+    return f"{used}, the better supported; under the {LAW_TEXT[other]} one, not excluded: {more}"
 
 
 def run_in_text(verdicts: Sequence[RunInVerdict]) -> Iterator[RenderableType]:
