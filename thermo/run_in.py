@@ -77,7 +77,9 @@ class RunInVerdict:
         Whether `settled_probability` reaches `confidence`.
     cycles_needed : (int, int or None)
         Fewer than the first or more than the second are needed with a probability of at most
-        1 − `confidence` each, under `law`; None: more than `thermo.relaxation.HORIZON`.
+        1 − `confidence` each, under `law`; while the slow law is better supported but the
+        exponential one not excluded, the first is that of the latter. None: more than
+        `thermo.relaxation.HORIZON`.
     """
 
     serial: str
@@ -137,22 +139,26 @@ def judge_run_in(
     better, other = (hyperbolic, exponential) if ratio > 0 else (exponential, hyperbolic)
     draws = better.draw(DRAWS, np.random.default_rng(SEED))
     needed = _of_all(draws)
-    probability = float(np.mean(needed == 0))
+    probability = float(np.count_nonzero(needed == 0) / needed.size)
     open_question = abs(ratio) < EXCLUDED
     rest = other.draw(DRAWS, np.random.default_rng(SEED)) if open_question else ()
+    other_needs = _interval(_of_all(rest), confidence) if rest else None
+    low, high = _interval(needed, confidence)
+    if other_needs is not None and better is hyperbolic:
+        low = min(low, other_needs[0])
     return RunInVerdict(
         serial=serial,
         cycles=lengths.pop(),
         law=better.law,
         log_evidence_ratio=ratio,
-        other_law_needs=_interval(_of_all(rest), confidence) if rest else None,
+        other_law_needs=other_needs,
         coefficients=tuple(
             _relaxation(s, d, confidence, window) for s, d in zip(series, draws, strict=True)
         ),
         settled_probability=probability,
         confidence=confidence,
         settled=probability >= confidence,
-        cycles_needed=_interval(needed, confidence),
+        cycles_needed=(low, high),
     )
 
 

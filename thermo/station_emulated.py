@@ -80,8 +80,15 @@ def emulated(
         yield station
 
 
-def _relive(plant: Twin, store_url: str | Path, test_id: str) -> None:
-    """Give the accelerometers of a resumed test, made anew, the temperatures of their readings."""
+def relive_stored(plant: Twin, store_url: str | Path, test_id: str) -> None:
+    """Give the accelerometers of a resumed test, made anew, the past that its store tells of.
+
+    Parameters
+    ----------
+    plant : Twin
+    store_url : str or path
+    test_id : str
+    """
     with open_existing_store(store_url) as store:
         readings = store.readings(test_id).dropna(subset=["temp_c"])
     for serial, mine in readings.groupby("serial"):
@@ -141,7 +148,7 @@ def run_emulated(
             seed=seed,
         )
         if resume is not None and sequence.run_in is not None:
-            _relive(plant, store_url, resume)
+            relive_stored(plant, store_url, resume)
     with EmulatedStation(config, plant, clock) as station:
         return run_on_station(
             sequence,

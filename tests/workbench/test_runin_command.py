@@ -11,7 +11,7 @@ import pytest
 
 from thermo.run_in_state import BIAS, CYCLE_TRAVEL_C
 from thermo.sequence import load_sequence
-from thermo.station_emulated import _relive, default_station
+from thermo.station_emulated import default_station, relive_stored
 from thermo.twin import make_plant
 
 ROOT = Path(__file__).parents[2]
@@ -70,7 +70,7 @@ def test_accelerometers_made_anew_for_a_resumed_test_are_as_relaxed_as_the_old(d
     folder, document, _ = done
     sequence = load_sequence(SEQUENCE)
     plant = make_plant(default_station(sequence), new_from_assembly=True)
-    _relive(plant, folder / "s.sqlite", document["test_id"])
+    relive_stored(plant, folder / "s.sqlite", document["test_id"])
     state = plant._units[0].memory[BIAS]
     cycles = document["run_in"][0]["cycles"]
     # the thermistor sees less than the chamber's 110 °C each way at 5 °C/min: it lags some 5 min
