@@ -19,6 +19,9 @@ from thermo.relaxation import HORIZON, Draws, Law, Series, weigh
 DRAWS = 4000  # a probability of 0.95 is then known to 0.0035
 SEED = 1  # the same estimates always give the same verdict
 MIN_CYCLES = 3
+# Mistaking a slow law for the exponential one stops too early, the opposite too late: in doubt,
+# which is up to odds of e, the slow one is taken.
+IN_DOUBT = 1.0
 EXCLUDED = 3.0  # a law is excluded at odds of 20, of which this is the logarithm
 # So many cycles at either end make the instability before and after, fewer when there are fewer.
 WINDOW = 4
@@ -64,7 +67,8 @@ class RunInVerdict:
     serial : str
     cycles : int
     law : {"exponential", "hyperbolic"}
-        The law that the estimates support better.
+        The law judged by: the exponential one where the estimates support it better at odds of
+        e at least (`IN_DOUBT`).
     log_evidence_ratio : float
         Natural logarithm of the hyperbolic law's evidence over the exponential one's.
     other_law_needs : (int, int or None) or None
@@ -77,8 +81,8 @@ class RunInVerdict:
         Whether `settled_probability` reaches `confidence`.
     cycles_needed : (int, int or None)
         Fewer than the first or more than the second are needed with a probability of at most
-        1 − `confidence` each, under `law`; while the slow law is better supported but the
-        exponential one not excluded, the first is that of the latter. None: more than
+        1 − `confidence` each, under `law`; while that is the slow one and the exponential one is
+        not excluded, the first is that of the latter. None: more than
         `thermo.relaxation.HORIZON`.
     """
 
@@ -136,7 +140,8 @@ def judge_run_in(
         raise ValueError(f"series of {sorted(lengths)} cycles, confidence {confidence}")
     exponential, hyperbolic = weigh(series, "exponential"), weigh(series, "hyperbolic")
     ratio = hyperbolic.log_evidence - exponential.log_evidence
-    better, other = (hyperbolic, exponential) if ratio > 0 else (exponential, hyperbolic)
+    slow = ratio > -IN_DOUBT
+    better, other = (hyperbolic, exponential) if slow else (exponential, hyperbolic)
     draws = better.draw(DRAWS, np.random.default_rng(SEED))
     needed = _of_all(draws)
     probability = float(np.count_nonzero(needed == 0) / needed.size)

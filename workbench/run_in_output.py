@@ -119,7 +119,7 @@ def law_sentence(v: RunInVerdict) -> str:
     if v.other_law_needs is None:
         return f"{used}; the {LAW_TEXT[other]} one is excluded at odds of 20"
     more = needed_text(v.other_law_needs)
-    return f"{used}, the better supported; under the {LAW_TEXT[other]} one, not excluded: {more}"
+    return f"{used}; under the {LAW_TEXT[other]} one, which is not excluded: {more}"
 
 
 def run_in_text(verdicts: Sequence[RunInVerdict]) -> Iterator[RenderableType]:

@@ -41,5 +41,6 @@ def test_under_another_law_the_rule_stays_right() -> None:
 @pytest.mark.parametrize("law", [stretched, hyperbolic])
 def test_under_another_law_the_rule_stays_right_but_is_late(law: Law) -> None:
     stopped = campaign(law, 30)
-    assert sum(s.right for s in stopped) >= 27  # 28.5 expected at the risk stated
+    # 28.5 expected at the risk stated, and 25 or fewer by chance in 1.6 %
+    assert sum(s.right for s in stopped) >= 26
     assert np.median([s.late for s in stopped]) <= 15
