@@ -199,6 +199,7 @@ class _Test:
         """Decide, from what is stored, whether the test goes on after a run."""
         decision = GO_ON
         if self._plan.sequence.run_in is not None:
+            session.journal.run = number  # after a resumption it is nobody's yet
             decision = decide_run_in(self._store, self._test_id, self._plan.sequence, number)
         for line in decision.lines:
             session.journal.event(decision.kind, line)
