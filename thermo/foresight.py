@@ -14,11 +14,8 @@ from thermo.live import ASSUMED_NOISE
 from thermo.modelfile import reported_units, reporting_factors
 from thermo.plan import RunPlan
 from thermo.recording_model import head_force_g
-from thermo.selection import equation, separable_names
-from thermo.terms import STATIC_NAMES, term
-
-# The orders a quartz-flexure accelerometer usually wants; lower when the plan cannot carry them.
-K0_ORDER, K1_ORDER = 3, 2
+from thermo.selection import separable_names, usual_equation
+from thermo.terms import term
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -91,9 +88,7 @@ def foresee(
     """
     channel = planned_channel(runs, t_ref_c)
     names, lost = separable_names(channel)
-    static = [n for n in names if n in STATIC_NAMES or n in ("k0", "k1")]
-    top = {f: max([k for k in range(5) if f"{f}_t{k}" in names], default=0) for f in ("k0", "k1")}
-    model = equation(static, min(K0_ORDER, top["k0"]), min(K1_ORDER, top["k1"]))
+    model = usual_equation(names)
     values = model.start_values()
     sigmas = np.sqrt(np.diag(expected_covariance(model, channel.record, values, noise)))
     factors = reporting_factors(model, nominal_scale)

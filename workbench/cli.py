@@ -29,6 +29,7 @@ COMMANDS = {
     "export": ("commands_store", "export", "Write a test of a store as a recorded run."),
     "import": ("commands_fit", "import_", "Make a recorded run of somebody else's log."),
     "fit": ("commands_fit", "fit", "Fit each accelerometer's error model over temperature."),
+    "runin": ("commands_runin", "runin", "Judge a run-in: settled, or how many cycles more."),
     "compensate": ("commands_fit", "compensate", "Apply a model to recorded runs."),
     "stability": ("commands_stability", "stability", "Compare runs: does each coefficient repeat?"),
     "rig": ("commands_rig", "rig", "Plan, simulate and evaluate the rig calibration of a SINS."),
