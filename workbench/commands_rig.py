@@ -1,7 +1,5 @@
 """`accelbench rig`: the group of all that belongs to calibrating a SINS on a rig."""
 
-from importlib.util import find_spec
-
 import click
 
 from workbench.lazy import LazyGroup
@@ -18,13 +16,9 @@ RIG_COMMANDS = {
 
 
 class _Rig(LazyGroup):
-    """The rig's commands: those whose module is there."""
+    """The rig's commands."""
 
     table = RIG_COMMANDS
-
-    def list_commands(self, ctx: click.Context) -> list[str]:
-        del ctx
-        return [name for name, row in self.table.items() if find_spec(f"workbench.{row[0]}")]
 
 
 @click.group(cls=_Rig)
