@@ -220,11 +220,10 @@ def _offset_change(
         )
         slope.append((high - low) / (2.0 * TEMPERATURE_STEP_C))
     joint = np.vstack(design)
-    norms = np.linalg.norm(joint, axis=0)
+    norms: FloatArray = np.sqrt(np.sum(joint**2, axis=0))
     norms[norms == 0.0] = 1.0
-    change: FloatArray = (
-        np.linalg.lstsq(joint / norms, -np.concatenate(slope), rcond=1e-10)[0] / norms
-    )
+    inverse = np.linalg.pinv(joint / norms, 1e-10)
+    change = -(inverse @ np.concatenate(slope)) / norms
     out = np.zeros(len(names))
     out[[names.index(n) for n in own]] = change
     return out
