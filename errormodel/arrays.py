@@ -1,6 +1,6 @@
 """Array types, and results that stay as they were made."""
 
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,16 +11,18 @@ IntArray = NDArray[np.intp]
 
 def readonly(values: ArrayLike) -> FloatArray:
     """Return `values` as floats that cannot be written to: a copy, unless they are so already."""
-    if isinstance(values, np.ndarray) and values.dtype == np.float64 and _is_frozen(values):
-        return values
+    if isinstance(values, np.ndarray) and values.dtype == np.float64:
+        given = cast(FloatArray, values)
+        if _is_frozen(given):
+            return given
     array = np.array(values, dtype=float)
     array.flags.writeable = False
     return array
 
 
-def _is_frozen(array: NDArray[Any]) -> bool:
+def _is_frozen(array: FloatArray) -> bool:
     """Tell whether neither an array nor what it is a view of can be written to."""
-    owner = array.base
+    owner: object = array.base
     owned = owner is None or (isinstance(owner, np.ndarray) and not owner.flags.writeable)
     return owned and not array.flags.writeable
 

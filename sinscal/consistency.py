@@ -134,10 +134,10 @@ class Consistency:
 def nis_of(normalised: FloatArray) -> Nis:
     """Return the mean square of normalised innovations and its interval."""
     n = max(normalised.size, 1)
-    ends = chi2.ppf([0.5 * FALSE_ALARM, 1.0 - 0.5 * FALSE_ALARM], n) / n
+    lo, hi = (float(chi2.ppf(p, n)) / n for p in (0.5 * FALSE_ALARM, 1.0 - 0.5 * FALSE_ALARM))
     return Nis(
         mean=float(np.sum(normalised**2)) / n,
-        interval=(float(ends[0]), float(ends[1])),
+        interval=(lo, hi),
         n=normalised.size,
     )
 
