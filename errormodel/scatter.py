@@ -132,8 +132,9 @@ def _limits(c: FloatArray, s: FloatArray, observed: float, tails: tuple[float, f
 
 
 def _weights(tau2: float, s: FloatArray, observed: float) -> FloatArray:
-    least = np.finfo(float).tiny + (1e-9 * observed) ** 2  # all equal and exact: any weight does
-    return 1.0 / np.maximum(tau2 + s**2, least)
+    if tau2 == 0.0 and not np.any(s > 0.0):  # all equal and exact: any weight does
+        return np.ones_like(s)
+    return 1.0 / np.maximum(tau2 + s**2, (1e-9 * max(observed, float(s.max()))) ** 2)
 
 
 def _solve(c: FloatArray, s: FloatArray, target: float) -> float:
@@ -153,7 +154,7 @@ def _solve(c: FloatArray, s: FloatArray, target: float) -> float:
 
     if excess(0.0) <= 0.0:
         return 0.0
-    top = total / target  # with s = 0 Q is there; with any s it is lower
+    top = 1.001 * total / target  # with s = 0 Q is there but for rounding; with any s it is lower
     return float(optimize.brentq(excess, 0.0, top, xtol=1e-12 * top, rtol=1e-10))
 
 

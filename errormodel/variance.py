@@ -14,9 +14,22 @@ from numpy.typing import ArrayLike
 from scipy import optimize, special, stats
 
 from errormodel.arrays import FloatArray
-from errormodel.variance_design import Design, Evaluation, RandomFactor, make_design
+from errormodel.variance_design import (
+    Design,
+    Evaluation,
+    RandomFactor,
+    degrees_of_freedom,
+    make_design,
+)
 
-__all__ = ["Component", "RandomFactor", "VarianceFit", "bartlett_factor", "fit_components"]
+__all__ = [
+    "Component",
+    "RandomFactor",
+    "VarianceFit",
+    "bartlett_factor",
+    "degrees_of_freedom",
+    "fit_components",
+]
 
 NOISE = "noise"
 # Variances are searched down to this share of the whole: what is smaller counts as 0.

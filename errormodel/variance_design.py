@@ -48,13 +48,16 @@ class Evaluation:
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class _Group:
-    """Cross products of the levels that share observations."""
+class _Groups:
+    """Cross products of the levels that share observations, G groups of at most q levels.
 
-    zz: FloatArray  # (q, q)
-    zx: FloatArray  # (q, p)
-    zy: FloatArray  # (q,)
-    member: FloatArray  # (q, K): 1 where a level belongs to a factor
+    Smaller groups are filled up with levels that nothing belongs to: they change no result.
+    """
+
+    zz: FloatArray  # (G, q, q)
+    zx: FloatArray  # (G, q, p)
+    zy: FloatArray  # (G, q)
+    member: FloatArray  # (G, q, K): 1 where a level belongs to a factor
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -64,7 +67,7 @@ class Design:
     `within` is the mean square that no factor explains.
     """
 
-    groups: tuple[_Group, ...]
+    groups: _Groups
     xx: FloatArray
     xy: FloatArray
     yy: float
@@ -87,36 +90,28 @@ class Design:
             return Evaluation(deviance=np.inf, score=nothing, information=np.eye(count))
 
     def _evaluate(self, variances: FloatArray) -> Evaluation:
-        noise = float(variances[-1])
-        ratio = np.sqrt(variances[:-1] / noise)
-        s, xy, yy, log_det = self.xx.copy(), self.xy.copy(), self.yy, 0.0
-        solved: list[tuple[FloatArray, FloatArray, FloatArray, _Group]] = []
-        for g in self.groups:
-            d = g.member @ ratio
-            zx, zy = d[:, None] * g.zx, d * g.zy
-            m = np.outer(d, d) * g.zz
-            m.flat[:: m.shape[0] + 1] += 1.0
-            inverse = np.linalg.inv(m)
-            log_det += float(np.linalg.slogdet(m)[1])
-            w, u = inverse @ zx, inverse @ zy
-            s -= zx.T @ w
-            xy -= zx.T @ u
-            yy -= float(zy @ u)
-            solved.append((inverse, w, u, g))
+        noise, g = float(variances[-1]), self.groups
+        d = g.member @ np.sqrt(variances[:-1] / noise)
+        zx, zy = d[:, :, None] * g.zx, d * g.zy
+        m = d[:, :, None] * g.zz * d[:, None, :] + np.eye(d.shape[1])
+        inverse = np.linalg.inv(m)
+        w, u = inverse @ zx, np.einsum("gqr,gr->gq", inverse, zy)
+        s: FloatArray = np.asarray(self.xx - np.einsum("gqa,gqb->ab", zx, w), dtype=np.float64)
         s_inv = np.linalg.inv(s)
+        xy: FloatArray = np.asarray(self.xy - np.einsum("gqa,gq->a", zx, u), dtype=np.float64)
         beta = s_inv @ xy
-        rest = yy - float(xy @ beta)
-        log_det += float(np.linalg.slogdet(s)[1])
-        free = self.n - s.shape[0]
-        score, information = self._derivatives(solved, s_inv, beta, rest / noise, noise)
-        deviance = free * float(np.log(noise)) + log_det + rest / noise
+        rest = (self.yy - float(np.sum(zy * u)) - float(xy @ beta)) / noise
+        log_det = float(np.sum(np.linalg.slogdet(m)[1]) + np.linalg.slogdet(s)[1])
+        score, information = self._derivatives(inverse, w, u - w @ beta, s_inv, rest, noise)
+        deviance = (self.n - s.shape[0]) * float(np.log(noise)) + log_det + rest
         return Evaluation(deviance=deviance, score=score, information=information)
 
     def _derivatives(
         self,
-        solved: Sequence[tuple[FloatArray, FloatArray, FloatArray, _Group]],
+        inverse: FloatArray,
+        w: FloatArray,
+        effect: FloatArray,
         s_inv: FloatArray,
-        beta: FloatArray,
         rest: float,
         noise: float,
     ) -> tuple[FloatArray, FloatArray]:
@@ -126,20 +121,14 @@ class Design:
         is Zᵀ·P·Z: its traces and squares are all that is wanted. The noise's share follows from
         Σ_k v_k·∂V/∂v_k = V.
         """
-        k = len(self.dof) - 1
-        trace, square, products = np.zeros(k), np.zeros(k), np.zeros((k, k))
-        gram = np.zeros((k, *s_inv.shape))
-        for inverse, w, u, g in solved:
-            b = -inverse
-            b.flat[:: b.shape[0] + 1] += 1.0
-            across = w @ s_inv @ w.T
-            effect = u - w @ beta
-            trace += g.member.T @ np.diag(b - across)
-            square += g.member.T @ effect**2
-            products += g.member.T @ (b * b - 2.0 * across * b) @ g.member
-            gram += np.einsum("qk,qa,qb->kab", g.member, w, w)
-        products += np.einsum("ab,kbc,cd,lda->kl", s_inv, gram, s_inv, gram)
-        square /= noise
+        member, k = self.groups.member, len(self.dof) - 1
+        b = np.eye(inverse.shape[1]) - inverse
+        across = w @ s_inv @ np.swapaxes(w, 1, 2)
+        trace = np.einsum("gqq,gqk->k", b - across, member)
+        square = np.einsum("gq,gqk->k", effect**2, member) / noise
+        gram = np.einsum("gqk,gqa,gqb->kab", member, w, w)
+        within = np.swapaxes(member, 1, 2) @ (b * b - 2.0 * across * b) @ member
+        products = within.sum(axis=0) + np.einsum("ab,kbc,cd,lda->kl", s_inv, gram, s_inv, gram)
         free = self.n - s_inv.shape[0]
         score = np.append(trace - square, free - trace.sum() - (rest - square.sum()))
         information = np.zeros((k + 1, k + 1))
@@ -175,7 +164,8 @@ def make_design(y: FloatArray, factors: Sequence[RandomFactor], fixed: FloatArra
     owner = np.repeat(np.arange(len(factors)), levels)
     groups = _groups(z, owner, fixed, centred, len(factors))
     yy = float(centred @ centred)
-    explained = sum(float(g.zy @ np.linalg.pinv(g.zz, hermitian=True) @ g.zy) for g in groups)
+    inverse = np.linalg.pinv(groups.zz, hermitian=True)
+    explained = float(np.einsum("gq,gqr,gr->", groups.zy, inverse, groups.zy))
     return Design(
         groups=groups,
         xx=fixed.T @ fixed,
@@ -205,24 +195,23 @@ def _indicators(codes: IntArray) -> FloatArray:
 
 def _groups(
     z: FloatArray, owner: IntArray, fixed: FloatArray, y: FloatArray, count: int
-) -> tuple[_Group, ...]:
+) -> _Groups:
     zz = z.T @ z
-    if not zz.size:
-        return ()
     _, label = csgraph.connected_components(sparse.csr_array(zz), directed=False)
-    found: list[_Group] = []
-    for number in np.unique(label):
-        mine = np.flatnonzero(label == number)
-        part = z[:, mine]
-        found.append(
-            _Group(
-                zz=zz[np.ix_(mine, mine)],
-                zx=part.T @ fixed,
-                zy=part.T @ y,
-                member=np.eye(count)[owner[mine]],
-            )
-        )
-    return tuple(found)
+    members = [np.flatnonzero(label == number) for number in np.unique(label)]
+    most = max((m.size for m in members), default=0)
+    # one more level than there are, with nothing in it, fills the smaller groups up
+    padded = np.pad(z, ((0, 0), (0, 1)))
+    index = np.array([np.pad(m, (0, most - m.size), constant_values=z.shape[1]) for m in members])
+    index = index.reshape(len(members), most).astype(np.intp)
+    whole = padded.T @ padded
+    kinds = np.vstack([np.eye(count)[owner], np.zeros((1, count))])
+    return _Groups(
+        zz=whole[index[:, :, None], index[:, None, :]],
+        zx=(padded.T @ fixed)[index],
+        zy=(padded.T @ y)[index],
+        member=kinds[index],
+    )
 
 
 def _dof(factors: Sequence[RandomFactor], k: int, fixed: FloatArray) -> int:

@@ -11,7 +11,7 @@ SINS calibration on a rig (control and navigation laboratory, Lomonosov Moscow S
 section on the covariance analysis, tables 1 and 2.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from typing import Literal
@@ -25,7 +25,7 @@ from sinscal.priors import make_prior
 from sinscal.programme import article_programme
 from sinscal.rigfilter import RigNoise
 from sinscal.sensors import sensor_model
-from sinscal.terms import BASIC
+from sinscal.terms import BASIC, TIME_OFFSET
 
 Base = Literal["known", "same", "free"]
 
@@ -130,6 +130,10 @@ class ArticleTables:
     coarse: RigCovariance
     precise: RigCovariance
 
+    def by_mode(self, modes: Sequence[str]) -> dict[str, RigCovariance]:
+        """Return the covariances of some modes, "coarse" and "precise"."""
+        return {m: self.precise if m == "precise" else self.coarse for m in modes}
+
     @property
     def table1(self) -> Table:
         """Without the rig's angle."""
@@ -205,9 +209,7 @@ class ArticleAnalysis:
         key = (angle, remounted)
         if key not in self._made:
             programme = article_programme()
-            sensors = sensor_model(BASIC)
-            if angle:
-                sensors = sensors.with_angle_groups(("rig_time_offset",))
+            sensors = sensor_model((*BASIC, TIME_OFFSET) if angle else BASIC)
             prior = make_prior(sensors)
             if remounted:
                 prior = replace(prior, mount_sigma_rad=KNOWN_RAD, remount_sigma_rad=MOUNT_SIGMA_RAD)

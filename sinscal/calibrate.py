@@ -16,6 +16,7 @@ from sinscal.rigfilter import Nominal, RigNoise, cycle_data
 from sinscal.rigpass import Pass, RigFilter
 from sinscal.run import RigFacts, RigRun
 from sinscal.sensors import SensorModel, sensor_model
+from sinscal.terms import BASIC, TIME_OFFSET
 
 Mode = Literal["coarse", "precise"]
 INTERVAL_S = 1.0
@@ -114,7 +115,8 @@ def calibrate(
     mode : {"coarse", "precise"}
         Without the rig's angle, or with it.
     sensors : SensorModel, optional
-        What to estimate; by default biases, scale errors and misalignments.
+        What to estimate; by default biases, scale errors and misalignments, and with the rig's
+        angle the offset of its clock.
     prior : RigPrior, optional
     noise : RigNoise, optional
         By default the densities in the run's facts.
@@ -133,10 +135,8 @@ def calibrate(
         If the run lacks what the mode needs.
     """
     _check(run, mode)
-    wanted = ("rig_time_offset",) if mode == "precise" else ()
-    sensors = sensors or sensor_model(gravity_m_s2=run.facts.site.gravity_m_s2)
-    if wanted and not sensors.channels[6].model.names:
-        sensors = sensors.with_angle_groups(wanted)
+    own = (*BASIC, TIME_OFFSET) if mode == "precise" else BASIC
+    sensors = sensors or sensor_model(own, gravity_m_s2=run.facts.site.gravity_m_s2)
     prior = prior or make_prior(sensors)
     noise = noise or noise_of(run.facts, mode)
     cycles = cycle_data(run, interval_s)

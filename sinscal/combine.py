@@ -30,7 +30,7 @@ from sinscal.priors import PriorFile, RigPrior
 from sinscal.rigfilter import RigNoise, cycle_data
 from sinscal.run import AXES, RigRun
 from sinscal.sensors import Motion, SensorModel, sensor_model
-from sinscal.terms import BASIC
+from sinscal.terms import BASIC, TIME_OFFSET
 from sinscal.trajectory import FlightPlan
 
 # How far an accelerometer's coefficients may be from anything the chamber says, in the model's own
@@ -119,6 +119,7 @@ def combine(
     """
     if run.temp_c is None:
         raise InputError(run.source, "temp_c", "missing; a combined calibration needs temperatures")
+    groups = (*groups, TIME_OFFSET) if mode == "precise" else groups
     sensors = combined_sensors(chambers, groups)
     prior = combined_prior(sensors, chambers, file=priors, turn_on=turn_on)
 

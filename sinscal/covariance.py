@@ -41,7 +41,11 @@ class RigCovariance:
         Of `history`, without the pauses between cycles.
     history : ndarray, shape (t, p)
         Sigmas over time.
+    cycle_s : ndarray, shape (cycles,)
+        Duration of each cycle.
     prior_sigmas : ndarray, shape (p,)
+    units : dict of str to str
+        Of the sensors' unknowns by name.
     layout, steps, start, filtered
         The filter's.
     """
@@ -50,7 +54,9 @@ class RigCovariance:
     cov: FloatArray
     time_s: FloatArray
     history: FloatArray
+    cycle_s: FloatArray
     prior_sigmas: FloatArray
+    units: dict[str, str]
     layout: RigLayout
     steps: Steps
     start: State
@@ -177,7 +183,9 @@ def solve(
         cov=filtered.state.cov[np.ix_(order, order)],
         time_s=INTERVAL_S * every * np.arange(1, len(filtered.sigmas) + 1),
         history=filtered.sigmas[:, order],
+        cycle_s=np.array([float(c.measured.time_s[-1]) for c in made.rig.cycles]),
         prior_sigmas=start.sigmas[order],
+        units=made.rig.sensors.units,
         layout=layout,
         steps=steps,
         start=start,

@@ -152,8 +152,10 @@ def agreement(flown: FlownErrors, predicted: FlightCovariance) -> Agreement:
     e = flown.errors[:, -1, HORIZONTAL]
     cov = predicted.cov[-1][np.ix_(HORIZONTAL, HORIZONTAL)]
     scale = np.sqrt(np.diag(cov))
-    whitened = np.linalg.solve(cov / np.outer(scale, scale), (e / scale).T)
-    chi2 = float(np.sum(whitened * (e / scale).T))
+    correlation: FloatArray = cov / np.outer(scale, scale)
+    scaled = e / scale
+    information = np.asarray(np.linalg.inv(correlation), dtype=float)
+    chi2 = float(np.einsum("ki,ij,kj", scaled, information, scaled))
     to_m = A_M * np.array([1.0, np.cos(flown.lat_rad[-1])])
     position = predicted.cov[-1][np.ix_([DLAT, DLON], [DLAT, DLON])] * np.outer(to_m, to_m)
     dof = runs * float(np.trace(position) ** 2 / np.sum(position**2))

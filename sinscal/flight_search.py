@@ -167,6 +167,7 @@ def _refined(
         )
 
     first = np.log([start.plan.speed_m_s, max(start.plan.swing_rad, 1e-3)])
-    options = {"xatol": 3e-3, "fatol": 1e-8, "maxfev": 60}
-    minimize(cost, first, method="Nelder-Mead", options=options)
+    minimize(
+        cost, first, method="Nelder-Mead", options={"xatol": 3e-3, "fatol": 1e-8, "maxfev": 60}
+    )
     return best

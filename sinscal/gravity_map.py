@@ -99,7 +99,7 @@ def _solve(columns: FloatArray, change: FloatArray) -> tuple[FloatArray, FloatAr
     """Return the twelve unknowns and their covariance; outliers are left out once."""
     start = np.concatenate([np.eye(3).ravel(), np.zeros(3)])
     prior = np.concatenate([np.full(9, PRIOR_M), np.full(3, PRIOR_BIAS)]) ** -2.0
-    noise2 = np.mean(change**2)
+    noise2 = max(float(np.mean(change**2)), 1e-20)
     found, cov = start, np.diag(1.0 / prior)
     keep = np.ones(change.shape[0], dtype=np.bool_)
     for _ in range(4):  # the weight of the prior needs the noise, and the noise the solution

@@ -2,10 +2,12 @@
 
 The axis of rotation is fixed to the earth, nearly horizontal; the SINS sits on the platform with a
 mounting error. With e the instrument axis of the cycle and α the angle,
-``C_nb(t) = C_n0 · R(e, α(t)) · exp(δ ×)``, so that every attitude is a closed form; mean rates are
-those of the angle itself, and what the earth adds is integrated by Gauss's rule of three points.
+``C_nb(t) = C_n0 · exp(ε(α) ×) · R(e, α(t)) · exp(δ ×)``, so that every attitude is a closed form (ε
+is the wobble of the axis); mean rates are those of the angle itself, and what the earth and the
+wobble add is integrated by Gauss's rule of three points.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +20,24 @@ from sinscal.run import AXES
 from sinscal.sensors import Motion
 
 _GAUSS = np.polynomial.legendre.leggauss(3)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Harmonic:
+    """The encoder's error sine·sin(kα) + cosine·cos(kα), rad."""
+
+    order: int
+    sine: float = 0.0
+    cosine: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Wobble:
+    """The rotation axis is turned by size·(cos, sin)(kα + phase) about the two axes across it."""
+
+    order: int
+    size: float
+    phase: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -38,8 +58,10 @@ class RigFaults:
         The reference point of the accelerometers from the rotation axis, body axes.
     clock_offset_s : float
         The angle in the row of time t is that of t + τ.
-    harmonics : tuple of (order, sine, cosine)
-        The encoder's error, rad, by periods in a turn.
+    harmonics : tuple of Harmonic
+        The encoder's error by periods in a turn.
+    wobble : tuple of Wobble
+        How the rotation axis moves as the platform turns.
     """
 
     axis_tilt_rad: tuple[float, ...] = (0.0,)
@@ -48,7 +70,8 @@ class RigFaults:
     remount_rad: tuple[tuple[float, float, float], ...] = ((0.0, 0.0, 0.0),)
     eccentric_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     clock_offset_s: float = 0.0
-    harmonics: tuple[tuple[int, float, float], ...] = ()
+    harmonics: tuple[Harmonic, ...] = ()
+    wobble: tuple[Wobble, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -65,6 +88,8 @@ class CycleMotion:
         Attitude before the first step.
     angle, turn : ndarray, shape (n,)
         The platform's true angle at the ends of the steps, rad, and its rate.
+    law : AngleLaw
+        The same at any time.
     """
 
     motion: Motion
@@ -72,6 +97,7 @@ class CycleMotion:
     c_start: FloatArray
     angle: FloatArray
     turn: FloatArray
+    law: AngleLaw
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -186,27 +212,81 @@ def _cycle_motion(
     along = mount.T @ unit  # the rotation axis in the body
 
     def attitude(at_s: FloatArray) -> FloatArray:
-        turned = rotation(law.at(at_s)[0][:, None] * unit)
+        at = law.at(at_s)[0]
+        turned = rotation(at[:, None] * unit)
+        if faults.wobble:
+            turned = rotation(_wobble(at, axis, faults)[0]) @ turned
         return zero @ turned @ mount
 
     angle, turn, _ = law.at(edges)
-    w = (np.diff(angle) / step)[:, None] * along
-    f = np.zeros((n, 3))
-    tangential = skew(along) @ np.array(faults.eccentric_m)
-    centripetal = skew(along) @ tangential
-    up = np.array([0.0, 0.0, site.gravity_m_s2])
-    for place, weight in zip(*_GAUSS, strict=True):
-        at_s = edges[:-1] + 0.5 * step * (1.0 + float(place))
-        c_bn = np.swapaxes(attitude(at_s), 1, 2)
-        share = 0.5 * float(weight)
-        w += share * (c_bn @ site.earth_rate)
-        f += share * (c_bn @ up)
-        _, speed, change = law.at(at_s)
-        f += share * (speed**2)[:, None] * centripetal
-        f += share * change[:, None] * tangential
+    added, f = _earth_and_rig(law, edges, attitude, axis, mount, site, faults)
+    w = (np.diff(angle) / step)[:, None] * along + added
     dw = (np.diff(turn) / step)[:, None] * along
     motion = Motion(time_s=edges[1:], step_s=np.full(n, step), w=w, f=f, dw=dw)
     c_nb = attitude(edges)
     return CycleMotion(
-        motion=motion, c_nb=c_nb[1:], c_start=c_nb[0], angle=angle[1:], turn=turn[1:]
+        motion=motion, c_nb=c_nb[1:], c_start=c_nb[0], angle=angle[1:], turn=turn[1:], law=law
     )
+
+
+def _earth_and_rig(
+    law: AngleLaw,
+    edges: FloatArray,
+    attitude: Callable[[FloatArray], FloatArray],
+    axis: int,
+    mount: FloatArray,
+    site: Site,
+    faults: RigFaults,
+) -> tuple[FloatArray, FloatArray]:
+    """Return the steps' mean rates of earth and wobble, and mean forces, each (n, 3)."""
+    along = skew(mount.T @ np.eye(3)[axis])
+    tangential = along @ np.array(faults.eccentric_m)
+    centripetal = along @ tangential
+    up = np.array([0.0, 0.0, site.gravity_m_s2])
+    # pieces of steps, cut where the acceleration changes: within each everything is smooth
+    inside = (law.knot_s > 0.0) & (law.knot_s < edges[-1])
+    cuts = np.unique(np.concatenate([edges, law.knot_s[inside]]))
+    length, step = np.diff(cuts), edges[1] - edges[0]
+    w, f = np.zeros((length.size, 3)), np.zeros((length.size, 3))
+    for place, weight in zip(*_GAUSS, strict=True):
+        at_s = cuts[:-1] + 0.5 * length * (1.0 + float(place))
+        c_bn = np.swapaxes(attitude(at_s), 1, 2)
+        share = (0.5 * float(weight) / step * length)[:, None]
+        at, speed, change = law.at(at_s)
+        w += share * (c_bn @ site.earth_rate)
+        if faults.wobble:
+            w += share * _wobble_rate(at, speed, axis, mount, faults)
+        f += share * (c_bn @ up)
+        f += share * ((speed**2)[:, None] * centripetal + change[:, None] * tangential)
+    first = np.searchsorted(cuts, edges[:-1])
+    return np.add.reduceat(w, first, axis=0), np.add.reduceat(f, first, axis=0)
+
+
+def _wobble(angle: FloatArray, axis: int, faults: RigFaults) -> tuple[FloatArray, FloatArray]:
+    """Return the rotation vector ε of the axis and its derivative by the angle, each (n, 3)."""
+    turned, by_angle = np.zeros((angle.size, 3)), np.zeros((angle.size, 3))
+    first, second = (axis + 1) % 3, (axis + 2) % 3
+    for one in faults.wobble:
+        phase = one.order * angle + one.phase
+        turned[:, first] += one.size * np.cos(phase)
+        turned[:, second] += one.size * np.sin(phase)
+        by_angle[:, first] -= one.order * one.size * np.sin(phase)
+        by_angle[:, second] += one.order * one.size * np.cos(phase)
+    return turned, by_angle
+
+
+def _wobble_rate(
+    angle: FloatArray, speed: FloatArray, axis: int, mount: FloatArray, faults: RigFaults
+) -> FloatArray:
+    """Return what the wobble adds to the body's rate, rad/s, shape (n, 3).
+
+    The rate of exp(ε ×) in its own axes is J(ε)·ε̇ with J = I − ½ ε× + ⅙ (ε×)² − …; for wobbles
+    of minutes of arc what is left out is below 1e-10 of it. The centrifugal force it adds at an
+    eccentric point is below 1 µg and left out.
+    """
+    turned, by_angle = _wobble(angle, axis, faults)
+    k = skew(turned)
+    jacobian = np.eye(3) - 0.5 * k + (k @ k) / 6.0
+    rate = jacobian @ (speed[:, None] * by_angle)[:, :, None]
+    platform = np.swapaxes(rotation(angle[:, None] * np.eye(3)[axis]), 1, 2)
+    return (mount.T @ (platform @ rate))[:, :, 0]

@@ -22,14 +22,8 @@ import numpy as np
 
 from errormodel.arrays import FloatArray
 from sinscal.earth import A_M, E2, RATE_RAD_S
-from sinscal.strapdown import (
-    Vector,
-    compiled_gravity_m_s2,
-    compiled_radii_m,
-    local_rates,
-    plus,
-    scaled,
-)
+from sinscal.quaternions import Vector, plus, scaled
+from sinscal.strapdown import compiled_gravity_m_s2, compiled_radii_m, local_rates
 
 PHI, DV, DP = slice(0, 3), slice(3, 6), slice(6, 9)
 DV_UP, DLAT, DLON, DH = 5, 6, 7, 8

@@ -152,9 +152,12 @@ def _check_axes(run: RigRun, bins: Bins) -> None:
     if axes is None:
         return
     for k, axis in enumerate(axes):
-        power: FloatArray = np.mean(bins.gyro[bins.cycle == k] ** 2, axis=0)
+        mine = bins.cycle == k
+        if not mine.any():
+            continue
+        power: FloatArray = np.mean(bins.gyro[mine] ** 2, axis=0)
         total = float(power.sum())
-        if not np.isfinite(total) or total < TURNING**2:
+        if total < TURNING**2:
             continue
         share = float(power[AXES.index(axis)]) / total
         if share < AXIS_SHARE:

@@ -19,7 +19,7 @@ from errormodel.fit import derivative
 from errormodel.model import ErrorModel
 from errormodel.record import Record
 from sinscal.run import AXES
-from sinscal.terms import ANGLE, BASIC, CHANNELS, TIME_OFFSET, ChannelId, terms_of
+from sinscal.terms import ANGLE, BASIC, CHANNELS, TIME_OFFSET, ChannelId, Maker, terms_of
 
 T_REF_C = 25.0
 # A chamber's terms see temperature smoothed as in the chamber; a rig's temperature is smooth.
@@ -38,7 +38,7 @@ class Motion:
     Attributes
     ----------
     time_s, step_s : ndarray, shape (n,)
-        Ends and lengths of the steps.
+        Ends and lengths of the steps, from the start of the cycle.
     w : ndarray, shape (n, 3)
         Mean rate of the body against inertial space, rad/s.
     f : ndarray, shape (n, 3)
@@ -47,6 +47,8 @@ class Motion:
         Mean derivative of the rate, rad/s².
     temp_c : ndarray, shape (n, 3), optional
         Temperatures of the accelerometers; a gyro is taken to be as warm as that of its axis.
+    begin_s : float
+        When the cycle began, from the start of the run.
     """
 
     time_s: FloatArray
@@ -55,6 +57,7 @@ class Motion:
     f: FloatArray
     dw: FloatArray
     temp_c: FloatArray | None = None
+    begin_s: float = 0.0
 
     def __post_init__(self) -> None:
         names = ("time_s", "step_s", "w", "f", "dw")
@@ -129,11 +132,6 @@ class SensorModel:
             Channel(id=c.id, model=model, unit=unit) if c.id == wanted else c for c in self.channels
         ]
         return replace(self, channels=tuple(changed))
-
-    def with_angle_groups(self, groups: Sequence[str]) -> "SensorModel":
-        """Return the sensors with the angle's channel made of the groups named."""
-        angle = Channel(id=ANGLE, model=ErrorModel(terms_of(ANGLE, groups), "angle_rad"))
-        return replace(self, channels=(*self.channels[:6], angle))
 
     def errors(self, motion: Motion, values: FloatArray) -> FloatArray:
         """Compute measured minus true of the six sensors, SI, shape (n, 6)."""
@@ -241,6 +239,8 @@ class SensorModel:
         for name, j in (("a_i_g", i), ("a_p_g", p), ("a_o_g", o)):
             if name in channel.model.needs:
                 own[name] = motion.f[:, j] / self.gravity_m_s2
+        if "elapsed_s" in channel.model.needs:
+            own["elapsed_s"] = motion.begin_s + motion.time_s
         if motion.temp_c is not None:
             x = motion.temp_c[:, axis] - self.t_ref_c
             own["x_c"] = own["x_slow_c"] = x
@@ -283,9 +283,13 @@ def _slope(time_s: FloatArray, x: FloatArray) -> FloatArray:
 
 
 def sensor_model(
-    groups: Sequence[str] = BASIC, *, t_ref_c: float = T_REF_C, gravity_m_s2: float = 9.80665
+    groups: Sequence[str] = BASIC,
+    *,
+    more: Sequence[Maker] = (),
+    t_ref_c: float = T_REF_C,
+    gravity_m_s2: float = 9.80665,
 ) -> SensorModel:
-    """Make a model of the groups named (`sinscal.terms.GROUPS`).
+    """Make a model of the groups named (`sinscal.terms.GROUPS`) and of terms made by `more`.
 
     Raises
     ------
@@ -294,10 +298,10 @@ def sensor_model(
     """
     bases = {"gyro": "w", "accel": "f"}
     made = [
-        Channel(id=c, model=ErrorModel(terms_of(c, groups), f"{bases[c.kind]}_{c.letter}"))
+        Channel(id=c, model=ErrorModel(terms_of(c, groups, more), f"{bases[c.kind]}_{c.letter}"))
         for c in CHANNELS
     ]
-    made.append(Channel(id=ANGLE, model=ErrorModel(terms_of(ANGLE, groups), "angle_rad")))
+    made.append(Channel(id=ANGLE, model=ErrorModel(terms_of(ANGLE, groups, more), "angle_rad")))
     return SensorModel(channels=tuple(made), t_ref_c=t_ref_c, gravity_m_s2=gravity_m_s2)
 
 

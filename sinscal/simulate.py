@@ -10,7 +10,7 @@ from scipy.signal import lfilter
 from errormodel.arrays import FloatArray
 from sinscal.motion import CycleMotion, RigFaults, RigMotion
 from sinscal.run import RigFacts, RigRun
-from sinscal.sensors import Motion, SensorModel, as_vector, ends_of
+from sinscal.sensors import Motion, SensorModel, as_vector
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -173,13 +173,8 @@ def _angle(
 ) -> FloatArray:
     """Return the encoder's readings of one cycle, shape (n,)."""
     motion = cycle.motion
-    # later or earlier by τ along the true motion; beyond its ends it goes on at the last rate
-    t = motion.time_s
-    at = t + faults.clock_offset_s
-    inside = np.clip(at, t[0], t[-1])
-    late = cast(FloatArray, np.interp(inside, t, cycle.angle))
-    late = late + (at - inside) * ends_of(cycle.turn, at < t[0])
-    read = late + sensors.angle_error(late, cycle.turn, vector)
-    for order, sine, cosine in faults.harmonics:
-        read = read + sine * np.sin(order * late) + cosine * np.cos(order * late)
-    return read + noise.angle / np.sqrt(motion.step_s) * rng.standard_normal(t.size)
+    late, turn, _ = cycle.law.at(motion.time_s + faults.clock_offset_s)
+    read = late + sensors.angle_error(late, turn, vector)
+    for one in faults.harmonics:
+        read = read + one.sine * np.sin(one.order * late) + one.cosine * np.cos(one.order * late)
+    return read + noise.angle / np.sqrt(motion.step_s) * rng.standard_normal(late.size)

@@ -8,7 +8,7 @@ triangular, so that x's has no misalignment, y's one (from x) and z's two.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Literal
 
@@ -37,6 +37,8 @@ class ChannelId:
         """The axis's name."""
         return AXES[self.axis]
 
+
+Maker = Callable[[ChannelId], Term | None]
 
 CHANNELS = tuple(ChannelId(kind=kind, axis=axis) for kind in ("gyro", "accel") for axis in range(3))
 ANGLE = ChannelId(kind="angle", axis=0)
@@ -212,7 +214,7 @@ def harmonic(order: int) -> Callable[[ChannelId], Term]:
 
 
 # group: the kinds of channel it belongs to, and how its term is made for a channel
-GROUPS: dict[str, tuple[tuple[Kind, ...], Callable[[ChannelId], Term | None]]] = {
+GROUPS: dict[str, tuple[tuple[Kind, ...], Maker]] = {
     "gyro_bias": (("gyro",), _bias),
     "gyro_scale": (("gyro",), _scale),
     "gyro_misalignment": (("gyro",), _misalignment),
@@ -241,8 +243,26 @@ BASIC = (
 )
 
 
-def terms_of(channel: ChannelId, groups: Sequence[str]) -> tuple[Term, ...]:
-    """Return a channel's terms out of groups.
+def bias_step(kind: Kind, at_s: float) -> Maker:
+    """Return the maker of a step of the constant error at a time since the run began."""
+
+    def after(record: Record) -> FloatArray:
+        return (record["elapsed_s"] > at_s).astype(float)
+
+    def make(c: ChannelId) -> Term | None:
+        if c.kind != kind:
+            return None
+        name, unit = f"{kind}_bias_step_{c.letter}", "rad/s" if kind == "gyro" else "m/s²"
+        term = _term(name, "The constant error jumped.", [(name, f"Δ{c.letter}", unit, after)])
+        return replace(term, needs=frozenset(["elapsed_s"]), predictive=False)
+
+    return make
+
+
+def terms_of(
+    channel: ChannelId, groups: Sequence[str], more: Sequence[Maker] = ()
+) -> tuple[Term, ...]:
+    """Return a channel's terms out of groups, and those that makers of one's own give it.
 
     Raises
     ------
@@ -257,4 +277,4 @@ def terms_of(channel: ChannelId, groups: Sequence[str]) -> tuple[Term, ...]:
         term = make(channel) if channel.kind in kinds else None
         if term is not None:
             made.append(term)
-    return tuple(made)
+    return (*made, *(t for t in (make(channel) for make in more) if t is not None))

@@ -8,6 +8,7 @@ velocity, z up; in a coordinated turn it banks so that the specific force stays 
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import cast
 
 import numpy as np
 from scipy.optimize import brentq
@@ -100,15 +101,16 @@ class FlightPlan:
         wanted = 4.0 * self.amplitude_m / (self.speed_m_s * self.period_s)
         if wanted == 0.0:
             return 0.0
-        if wanted > float(struve(0, MAX_SWING_RAD)):
+        most = _half_swing(MAX_SWING_RAD)
+        if wanted > most:
             raise ValueError(
                 f"the snake's amplitude of {self.amplitude_m:g} m cannot be flown at "
                 f"{self.speed_m_s:g} m/s within a period of {self.period_s:g} s, expected at most "
-                f"{float(struve(0, MAX_SWING_RAD)) * self.speed_m_s * self.period_s / 4.0:.0f} m"
+                f"{most * self.speed_m_s * self.period_s / 4.0:.0f} m"
             )
 
         def short(swing: float) -> float:
-            return float(struve(0, swing)) - wanted
+            return _half_swing(swing) - wanted
 
         return float(brentq(short, 0.0, MAX_SWING_RAD, xtol=1e-13))  # type: ignore[arg-type]
 
@@ -194,6 +196,11 @@ def fly(plan: FlightPlan, step_s: float) -> Flight:
         mean_gyro=sum(w * one[0] for w, one in zip(WEIGHTS, inside, strict=True)),  # type: ignore[arg-type]
         mean_accel=sum(w * one[1] for w, one in zip(WEIGHTS, inside, strict=True)),  # type: ignore[arg-type]
     )
+
+
+def _half_swing(swing_rad: float) -> float:
+    """Return Struve's H0."""
+    return float(cast(float, struve(0, swing_rad)))
 
 
 def _smooth(x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -55,7 +55,7 @@ def compensate_channel(channel: Channel, model: AccelerometerModel) -> FloatArra
     ndarray, shape (n,)
         In local g.
     """
-    error_model, values = model.error_model(), model.values()
+    error_model, values = model.error_model(), _predictable(model)
     lo, hi = model.valid_c
     clipped = {
         name: np.clip(channel.record[name], lo - model.t_ref_c, hi - model.t_ref_c)
@@ -77,6 +77,12 @@ def compensate_channel(channel: Channel, model: AccelerometerModel) -> FloatArra
         # the output is the gain times the input plus small terms: a Newton step by the gain
         estimate = estimate + (raw - predicted) / values.get("k1", 1.0)
     return estimate
+
+
+def _predictable(model: AccelerometerModel) -> dict[str, float]:
+    """Return the coefficients; what belonged to the fitted runs or moments alone is zero."""
+    own = {c.name for t in model.error_model().terms if not t.predictive for c in t.coefficients}
+    return {name: 0.0 if name in own else value for name, value in model.values().items()}
 
 
 def compensate(runs: RecordedRuns, models: ModelFile) -> Compensated:

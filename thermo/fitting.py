@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, field_validator
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from errormodel.arrays import FloatArray
 from errormodel.errors import InputError, NotSeparableError
@@ -21,12 +21,16 @@ from thermo.terms import LIBRARY, term
 
 
 class TermsFile(BaseModel):
-    """TERMS.toml: the terms to fit, in place of those that the data choose."""
+    """TERMS.toml: the terms to fit, in place of those that the data choose.
+
+    `start` holds start values of nonlinear parameters, in their own units.
+    """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     terms: Annotated[tuple[str, ...], Field(min_length=1)] | None = None
     t_ref_c: Annotated[float, Field(ge=-200, le=400, allow_inf_nan=False)] = 25.0
+    start: dict[str, Annotated[float, Field(allow_inf_nan=False)]] = {}
 
     @field_validator("terms")
     @classmethod
@@ -37,6 +41,18 @@ class TermsFile(BaseModel):
         if names is not None and len(set(names)) != len(names):
             raise ValueError("a term stands twice")
         return names
+
+    @model_validator(mode="after")
+    def _start_is_of_the_model(self) -> "TermsFile":
+        model = self.model()
+        known = {p.name: p for p in model.parameters} if model else {}
+        for name, value in self.start.items():
+            if name not in known:
+                raise ValueError(f"start: {name!r} is no nonlinear parameter of the terms")
+            if not known[name].lo <= value <= known[name].hi:
+                lo, hi = known[name].lo, known[name].hi
+                raise ValueError(f"start: {name} must be between {lo:g} and {hi:g}")
+        return self
 
     def model(self) -> ErrorModel | None:
         """Return the model of the terms named; None when the data are to choose."""
@@ -154,7 +170,7 @@ def _fit_one(
     selection = None if given else select_model(channel)
     model = given or (selection.model if selection else ErrorModel(()))
     _check_inputs(model, channel, runs.source)
-    result = _fit_channel(model, channel)
+    result = _fit_channel(model, channel, terms.start)
     residual_ug, raw_ug = _residual_ug(result, channel), _constants_only_ug(channel)
     heldout = _held_out(model, result, everything, holdout)
     rate = channel.record["rate_c_per_min"]
@@ -196,9 +212,9 @@ def _scales(effect: object) -> bool:
     return getattr(effect, "place", "") == "scale"
 
 
-def _fit_channel(model: ErrorModel, channel: Channel) -> ModelFit:
+def _fit_channel(model: ErrorModel, channel: Channel, start: Mapping[str, float]) -> ModelFit:
     try:
-        return fit(model, channel.record)
+        return fit(model, channel.record, start=start)
     except NotSeparableError as err:
         raise NotSeparableError(err.groups, f"serial {channel.serial}: the data") from None
     except ValueError as err:

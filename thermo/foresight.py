@@ -14,11 +14,8 @@ from thermo.live import ASSUMED_NOISE
 from thermo.modelfile import reported_units, reporting_factors
 from thermo.plan import RunPlan
 from thermo.recording_model import head_force_g
-from thermo.selection import equation, separable_names
-from thermo.terms import STATIC_NAMES, term
-
-# The orders a quartz-flexure accelerometer usually wants; lower when the plan cannot carry them.
-K0_ORDER, K1_ORDER = 3, 2
+from thermo.selection import separable_names, usual_equation
+from thermo.terms import term
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -89,11 +86,9 @@ def foresee(
     -------
     Foresight
     """
-    channel = _planned(runs, t_ref_c)
+    channel = planned_channel(runs, t_ref_c)
     names, lost = separable_names(channel)
-    static = [n for n in names if n in STATIC_NAMES or n in ("k0", "k1")]
-    top = {f: max([k for k in range(5) if f"{f}_t{k}" in names], default=0) for f in ("k0", "k1")}
-    model = equation(static, min(K0_ORDER, top["k0"]), min(K1_ORDER, top["k1"]))
+    model = usual_equation(names)
     values = model.start_values()
     sigmas = np.sqrt(np.diag(expected_covariance(model, channel.record, values, noise)))
     factors = reporting_factors(model, nominal_scale)
@@ -121,14 +116,15 @@ def _partners(
     return tuple(dict.fromkeys(groups))
 
 
-def _planned(runs: Sequence[RunPlan], t_ref_c: float) -> Channel:
-    """Return what an accelerometer will see, without an output."""
+def planned_channel(runs: Sequence[RunPlan], t_ref_c: float) -> Channel:
+    """Return what an accelerometer will see, without an output; runs laid end to end."""
     time_s = np.concatenate([r.time_s for r in runs])
     run = np.repeat(np.arange(len(runs)), [len(r.time_s) for r in runs])
     temp_c = np.concatenate([r.temp_c for r in runs])
     position_deg = np.concatenate([r.position_deg for r in runs])
     slow_c, rate = smooth_temperature(time_s, temp_c, run)
     force_g = head_force_g(position_deg)
+    ends = np.concatenate([[0.0], np.cumsum([float(r.time_s[-1]) for r in runs])])
     return Channel(
         serial="planned",
         run_ids=tuple(str(r.number) for r in runs),
@@ -142,6 +138,7 @@ def _planned(runs: Sequence[RunPlan], t_ref_c: float) -> Channel:
                 "x_c": temp_c - t_ref_c,
                 "x_slow_c": slow_c - t_ref_c,
                 "rate_c_per_min": rate,
+                "elapsed_h": (ends[run] + time_s) / 3600.0,
             },
         ),
         temp_c=temp_c,

@@ -141,6 +141,7 @@ def _channel(mine: RecordedRuns, serial: str, t_ref_c: float) -> Channel:
                 "x_c": temp_c - t_ref_c,
                 "x_slow_c": slow_c - t_ref_c,
                 "rate_c_per_min": rate,
+                "elapsed_h": elapsed_h(mine, run),
             },
             output=mine.output / mine.nominal_scale,
         ),
@@ -152,6 +153,29 @@ def _channel(mine: RecordedRuns, serial: str, t_ref_c: float) -> Channel:
         nominal_scale=mine.nominal_scale,
         gravity_m_s2=mine.gravity_m_s2,
     )
+
+
+def elapsed_h(mine: RecordedRuns, run: IntArray) -> FloatArray:
+    """Return the hours since the first run began, shape (n,).
+
+    From the recorded starts when every run has one, otherwise with the runs laid end to end in
+    the order of the recording.
+
+    Parameters
+    ----------
+    mine : RecordedRuns
+        One accelerometer's readings, run by run.
+    run : ndarray of int, shape (n,)
+        Which run, counted from 0.
+    """
+    ids = [mine.run.at(int(np.argmax(run == k))) for k in range(int(run[-1]) + 1)]
+    known = [mine.run_start_utc.get(name) for name in ids]
+    starts = [t.timestamp() for t in known if t is not None]
+    if len(starts) < len(ids):
+        ends = [float(mine.time_s[run == k].max()) for k in range(len(ids))]
+        starts = np.concatenate([[0.0], np.cumsum(ends)[:-1]]).tolist()
+    begun = np.array(starts) - min(starts)
+    return (begun[run] + mine.time_s) / 3600.0
 
 
 def direction_of(rate_c_per_min: FloatArray) -> IntArray:

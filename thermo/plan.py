@@ -53,8 +53,8 @@ class Plan:
 
     @property
     def runs(self) -> int:
-        """Number of runs."""
-        return self.sequence.temperature.repeats
+        """Number of runs; of a run-in the most there can be."""
+        return runs_of(self.sequence)
 
     @property
     def run_s(self) -> float:
@@ -102,6 +102,12 @@ class Plan:
         )
 
 
+def runs_of(sequence: Sequence) -> int:
+    """Return how many runs a sequence asks for; of a run-in the most there can be."""
+    rule = sequence.run_in
+    return sequence.temperature.repeats if rule is None else rule.max_cycles
+
+
 def make_plan(sequence: Sequence, station: StationConfig, source: str = "sequence") -> Plan:
     """Check a sequence against a station and make the plan.
 
@@ -124,7 +130,7 @@ def make_plan(sequence: Sequence, station: StationConfig, source: str = "sequenc
     legs = expand(sequence.temperature)
     period_s = sequence.sampling.period_s
     periods = legs[-1].end_s / period_s  # inf where a rate or a period is next to nothing
-    runs = sequence.temperature.repeats
+    runs = runs_of(sequence)
     if periods * runs > MAX_SLOTS:
         problem = f"{runs} × {periods:.0f} slots of {period_s:g} s, at most {MAX_SLOTS} expected"
         raise InputError(source, "sampling.period_s", problem)

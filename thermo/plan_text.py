@@ -42,6 +42,7 @@ def plan_lines(plan: Plan, foresight: Foresight | None = None) -> tuple[str, ...
         f"readings   {plan.readings}: one every {sequence.sampling.period_s:g} s, "
         f"{plan.slots} slots a run, a scan takes {plan.scan_s:.2g} s",
         f"after a gap {_gap_text(plan)}",
+        *_run_in_lines(plan),
         "",
         "segment   from      to        °C → °C            °C/min",
     ]
@@ -55,6 +56,17 @@ def plan_lines(plan: Plan, foresight: Foresight | None = None) -> tuple[str, ...
     if foresight is not None:
         lines += ["", *foresight(plan)]
     return tuple(lines)
+
+
+def _run_in_lines(plan: Plan) -> list[str]:
+    rule = plan.sequence.run_in
+    if rule is None:
+        return []
+    return [
+        f"run-in     stops by itself after {rule.min_cycles} to {rule.max_cycles} runs, when K0 "
+        f"(K1) of each accelerometer changes by no more than {rule.k0_limit_ug:g} µg "
+        f"({rule.k1_limit_ppm:g} ppm) ever after, confidence {100 * rule.confidence:g} %"
+    ]
 
 
 def _gap_text(plan: Plan) -> str:

@@ -23,6 +23,8 @@ WORTH_CHI2 = 9.0
 PLAUSIBLE_DRIFT = 2.0
 # With one run only, it is left out in this many pieces, one after another.
 PIECES = 10
+# The orders a quartz-flexure accelerometer usually wants; lower when the data cannot carry them.
+K0_ORDER, K1_ORDER = 3, 2
 # Enough readings to judge separability; more only repeat the same geometry.
 EXAMINED = 4000
 
@@ -151,6 +153,22 @@ def equation(static: Sequence[str], k0_order: int, k1_order: int) -> ErrorModel:
     names += [f"k1_t{k}" for k in range(1, k1_order + 1)]
     names += [n for n in static if n not in names]
     return ErrorModel(tuple(term(n) for n in names))
+
+
+def usual_equation(names: Sequence[str]) -> ErrorModel:
+    """Return the model equation with the usual orders, of the coefficients that data can give.
+
+    Parameters
+    ----------
+    names : sequence of str
+        As `separable_names` returns them.
+    """
+    static = [n for n in names if n in STATIC_NAMES or n in ("k0", "k1")]
+    top0, top1 = (
+        max([k for k in range(MAX_ORDER + 1) if f"{n}_t{k}" in names], default=0)
+        for n in ("k0", "k1")
+    )
+    return equation(static, min(K0_ORDER, top0), min(K1_ORDER, top1))
 
 
 def separable_names(channel: Channel) -> tuple[tuple[str, ...], tuple[str, ...]]:

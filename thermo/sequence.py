@@ -12,6 +12,7 @@ from typing import Annotated, Literal, Union
 from pydantic import BaseModel, ConfigDict, Field, Strict, model_validator
 
 from errormodel.files import check, parse_toml, read_toml
+from thermo.run_in_rule import RunInRule
 
 log = logging.getLogger(__name__)
 
@@ -216,7 +217,7 @@ class AfterGap(_Section):
 
 
 class Sequence(_Section):
-    """A chamber test sequence."""
+    """A chamber test sequence; with `run_in`, its run is repeated until that rule stops it."""
 
     name: Annotated[str, Field(min_length=1, max_length=200)]
     accelerometers: Annotated[tuple[Accelerometer, ...], Field(min_length=1, max_length=1000)]
@@ -226,6 +227,7 @@ class Sequence(_Section):
     limits: Limits = Limits()
     uniformity: Uniformity = Uniformity()
     after_gap: AfterGap = AfterGap()
+    run_in: RunInRule | None = None
 
     @model_validator(mode="after")
     def _check(self) -> "Sequence":
@@ -237,6 +239,8 @@ class Sequence(_Section):
         serials = [a.serial for a in self.accelerometers]
         if len(set(serials)) != len(serials):
             raise ValueError("accelerometers: a serial number stands twice")
+        if self.run_in is not None and self.temperature.repeats != 1:
+            raise ValueError("temperature.repeats: leave it out, run_in says how often")
         _check_temperatures(self.temperature, self.limits)
         return self
 

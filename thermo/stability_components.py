@@ -6,8 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from errormodel.arrays import FloatArray, IntArray
-from errormodel.variance import VarianceFit, fit_components
-from errormodel.variance_design import RandomFactor, degrees_of_freedom
+from errormodel.variance import RandomFactor, VarianceFit, degrees_of_freedom, fit_components
 from thermo.inputs import HOLD
 from thermo.residuals import MIN_READINGS
 from thermo.stability_runs import RunByRun

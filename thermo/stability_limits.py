@@ -182,7 +182,8 @@ def _intervals(
         rest_h = said.rest_h
         if rest_h is None and after in starts and before in starts:
             gap_s = (starts[before] - starts[after]).total_seconds() - spans_s[after]
-            rest_h = max(gap_s, 0.0) / 3600.0
+            # runs that overlap were not timed by one clock, as those of emulated instruments
+            rest_h = gap_s / 3600.0 if gap_s >= 0.0 else None
         yield Interval(
             after=after,
             before=before,

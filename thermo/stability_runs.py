@@ -22,6 +22,7 @@ EXAMINED = 4000  # readings enough to judge what a run can give
 MIN_READINGS = 30
 # Within a smaller span of temperature nothing heats or cools: the slopes are the thermistor's.
 STILL_C = 1.0
+THERMAL = frozenset({"x_c", "x_slow_c", "rate_c_per_min"})
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -181,6 +182,8 @@ def _separable(model: ErrorModel, record: Record) -> ErrorModel:
     thin = record.take(np.arange(0, len(record), max(1, len(record) // EXAMINED)))
     kept: list[Term] = []
     linear = [t for t in model.terms if isinstance(t, Term) and not t.parameters]
+    if float(np.ptp(record["x_c"])) < STILL_C:  # a thermistor's noise gives no slope
+        linear = [t for t in linear if not t.needs & THERMAL]
     for candidate in sorted(linear, key=lambda t: _rank(t.name)):
         tried = ErrorModel((*kept, candidate), model.base)
         if not examine(tried, thin, tried.start_values()).confounded:

@@ -14,6 +14,7 @@ from drivers.errors import InstrumentError
 from drivers.opening import Station
 from errormodel.errors import StoreError
 from thermo.plan import Plan, make_plan
+from thermo.run_in_station import decide_run_in
 from thermo.sequence import Sequence, parse_sequence, sequence_toml
 from thermo.station_journal import Journal
 from thermo.station_reading import inputs_of, scan_channels
@@ -21,7 +22,16 @@ from thermo.station_resume import ResumePoint, find_resume_point
 from thermo.station_run import Run
 from thermo.station_safe import clean_up, one_line, safe_json
 from thermo.station_session import Session
-from thermo.station_types import EndedError, Observer, Observers, RunControl, Status, TestOutcome
+from thermo.station_types import (
+    GO_ON,
+    Decision,
+    EndedError,
+    Observer,
+    Observers,
+    RunControl,
+    Status,
+    TestOutcome,
+)
 from thermo.store import NewTest, Store
 from thermo.uniformity import judge_test
 
@@ -135,8 +145,8 @@ class _Test:
         end = _End()
         self._test_id, self._resumed = resume or "", resume is not None
         try:
-            self._procedure(resume, before_command or (lambda _: None))
-            end.status, end.reason = "finished", "all runs done"
+            end.reason = self._procedure(resume, before_command or (lambda _: None))
+            end.status = "finished"
         except EndedError as err:
             end.status, end.reason = err.status, one_line(err)
         except (KeyboardInterrupt, SystemExit) as err:
@@ -153,7 +163,8 @@ class _Test:
 
     # ---- the procedure ----
 
-    def _procedure(self, resume: str | None, before_command: Callable[[str], None]) -> None:
+    def _procedure(self, resume: str | None, before_command: Callable[[str], None]) -> str:
+        """Do what is left of the test, and return why it is done."""
         station, plan = self._station, self._plan
         identities = station.identify()
         inputs = inputs_of(plan.sequence, station.config)
@@ -181,13 +192,27 @@ class _Test:
             point = ResumePoint(run=1)
         if point is not None:
             before_command(self._test_id)
-            self._runs(session, point, pause_first=bool(resume) and point.run > 1)
+            return self._runs(session, point, pause_first=bool(resume) and point.run > 1)
+        return self._decide(session, plan.runs).reason
 
-    def _runs(self, session: Session, point: ResumePoint, *, pause_first: bool) -> None:
+    def _decide(self, session: Session, number: int) -> Decision:
+        """Decide, from what is stored, whether the test goes on after a run."""
+        decision = GO_ON
+        if self._plan.sequence.run_in is not None:
+            session.journal.run = number  # after a resumption it is nobody's yet
+            decision = decide_run_in(self._store, self._test_id, self._plan.sequence, number)
+        for line in decision.lines:
+            session.journal.event(decision.kind, line)
+        return decision
+
+    def _runs(self, session: Session, point: ResumePoint, *, pause_first: bool) -> str:
         plan = self._plan
         for number in range(point.run, plan.runs + 1):
             after_s = (plan.runs - number) * (plan.rest_s + plan.approach_s + plan.run_s)
             begun = number == point.run and point.start_s is not None
+            # before every new run, not after every one done: a resumed test asks again
+            if not begun and number > 1 and (decision := self._decide(session, number - 1)).stop:
+                return decision.reason
             if not begun and (number > point.run or pause_first):
                 self._rest(session, after_s + plan.approach_s + plan.run_s)
             journal = session.journal
@@ -211,6 +236,7 @@ class _Test:
             journal.event("run finished", f"run {number} of {plan.runs}")
             for verdict in judge_test(plan, self._store.readings(self._test_id, number)):
                 journal.event("ramp", verdict.sentence)
+        return self._decide(session, plan.runs).reason
 
     def _approach(self, session: Session, left_s: float) -> None:
         programme = self._plan.sequence.temperature

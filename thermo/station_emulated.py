@@ -5,6 +5,8 @@ from collections.abc import Sequence as Many
 from contextlib import contextmanager
 from pathlib import Path
 
+import numpy as np
+
 from drivers.clock import Clock, SteppedClock
 from drivers.emulators.plant import Plant
 from drivers.emulators.station import EmulatedStation
@@ -15,7 +17,8 @@ from thermo.sequence import Sequence
 from thermo.station_shell import run_on_station
 from thermo.station_types import Event, Observer, Progress, RunControl, TestOutcome
 from thermo.store import ReadingRow
-from thermo.twin import make_plant
+from thermo.store_files import open_existing_store
+from thermo.twin import Twin, make_plant
 
 MAX_EMULATED = 99  # the emulated multimeter's channels 101…199 and 201…299
 
@@ -77,6 +80,24 @@ def emulated(
         yield station
 
 
+def relive_stored(plant: Twin, store_url: str | Path, test_id: str) -> None:
+    """Give the accelerometers of a resumed test, made anew, the past that its store tells of.
+
+    Parameters
+    ----------
+    plant : Twin
+    store_url : str or path
+    test_id : str
+    """
+    with open_existing_store(store_url) as store:
+        readings = store.readings(test_id).dropna(subset=["temp_c"])
+    for serial, mine in readings.groupby("serial"):
+        # one time after another whatever the runs' own times: the intervals within them count
+        step_s = np.diff(mine["time_s"].to_numpy(dtype=float), prepend=0.0)
+        time_s = np.cumsum(np.where(step_s > 0, step_s, 1.0))
+        plant.relive(str(serial), time_s, mine["temp_c"].to_numpy(dtype=float))
+
+
 def run_emulated(
     sequence: Sequence,
     store_url: str | Path,
@@ -101,7 +122,8 @@ def run_emulated(
     plant : Plant, optional
         The physics; the physical twin of `config` if not given.
     effects : mapping, optional
-        Hidden effects of the twin's accelerometers by serial number.
+        Hidden effects of the twin's accelerometers by serial number. A sequence with a `run_in`
+        finds them newly assembled, and a resumed one with the past that its store tells of.
     seed : int
         Of the twin.
     clock : Clock, optional
@@ -118,7 +140,15 @@ def run_emulated(
     make_plan(sequence, config)
     if plant is None:
         scales = {a.serial: a.nominal_scale for a in sequence.accelerometers}
-        plant = make_plant(config, nominal_scales=scales, effects=effects, seed=seed)
+        plant = make_plant(
+            config,
+            nominal_scales=scales,
+            effects=effects,
+            new_from_assembly=sequence.run_in is not None,
+            seed=seed,
+        )
+        if resume is not None and sequence.run_in is not None:
+            relive_stored(plant, store_url, resume)
     with EmulatedStation(config, plant, clock) as station:
         return run_on_station(
             sequence,

@@ -71,6 +71,22 @@ class Progress:
     chamber_c: float | None
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Decision:
+    """Whether a test goes on after a run; `lines` are stored as events of the kind `kind`.
+
+    `reason` is that of the test's end, should it end here.
+    """
+
+    stop: bool = False
+    reason: str = "all runs done"
+    kind: str = "run-in"
+    lines: tuple[str, ...] = ()
+
+
+GO_ON = Decision()
+
+
 class Observer(Protocol):
     """Somebody who watches a test; what goes wrong in it never stops the test."""
 

@@ -77,7 +77,7 @@ def export_recorded(store: Store, test_id: str, path: Path) -> tuple[Exported, .
     InputError
         If a file cannot be written.
     """
-    records = _records(store, test_id)
+    records = recorded_runs(store, test_id)
     done: list[Exported] = []
     for name, record in zip(export_paths(store, test_id, path), records, strict=True):
         write_runs(record, name)
@@ -93,13 +93,19 @@ def stored_runs(store: Store, test_id: str) -> RecordedRuns:
     StoreError
         If there is no such test or it has no readings.
     """
-    return join_runs(_records(store, test_id))
+    return join_runs(recorded_runs(store, test_id))
 
 
-def _records(store: Store, test_id: str) -> list[RecordedRuns]:
-    """Return the runs of each group of accelerometers."""
+def recorded_runs(store: Store, test_id: str) -> tuple[RecordedRuns, ...]:
+    """Return a test as recorded runs, one for each unit and nominal scale.
+
+    Raises
+    ------
+    StoreError
+        If there is no such test or it has no readings.
+    """
     config = StationConfig.model_validate_json(store.test(test_id).station_json)
-    return [
+    return tuple(
         export_test(
             store,
             test_id,
@@ -110,7 +116,7 @@ def _records(store: Store, test_id: str) -> list[RecordedRuns]:
             serials=group.serials,
         )
         for group in _groups(store, test_id)
-    ]
+    )
 
 
 def _groups(store: Store, test_id: str) -> Sequence[_Group]:

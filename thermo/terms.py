@@ -2,7 +2,8 @@
 
 Signals: `a_i_g`, `a_p_g`, `a_o_g` (specific force along IA, PA, OA in local g, OA = IA × PA),
 `x_c` (temperature less the reference temperature, °C), `x_slow_c` (the same without the
-thermistor's noise), `rate_c_per_min`. The model's unit is g at the input.
+thermistor's noise), `rate_c_per_min`, `elapsed_h` (since the first run began). The model's unit is
+g at the input.
 """
 
 from collections.abc import Callable
@@ -24,6 +25,7 @@ from errormodel.terms import (
     by_run,
     memoryless,
 )
+from thermo.terms_events import EVENTS, second_lag
 
 MICRO = 1e6
 # Angles are known to some 1e-4 rad at best from an unknown head: what differs by less than ten
@@ -300,7 +302,7 @@ def thermal_lag() -> InputChange:
         sentence="The inside of the accelerometer follows its thermistor with a time constant.",
         change=change,
         parameters=(
-            Parameter(name="thermal_lag", symbol="τ", unit="s", lo=1.0, hi=3600.0, start=60.0),
+            Parameter(name="thermal_lag", symbol="τ", unit="s", lo=0.1, hi=3600.0, start=60.0),
         ),
         needs=frozenset(["x_c"]),
     )
@@ -317,6 +319,8 @@ LIBRARY: dict[str, Callable[[], Effect]] = {
     "bias_hysteresis": bias_hysteresis,
     "scale_hysteresis": scale_hysteresis,
     "thermal_lag": thermal_lag,
+    "thermal_lag_two_poles": lambda: second_lag(_follow),
+    **EVENTS,
 }
 
 

@@ -9,10 +9,11 @@ lags; the air's rate is limited by the power of heater and compressor.
 import threading
 import zlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numba
 import numpy as np
+from numpy.typing import ArrayLike
 
 from drivers.station import InputConfig, StationConfig
 from drivers.thermistor import ohm_from_temp_c
@@ -20,6 +21,7 @@ from errormodel.arrays import FloatArray
 from errormodel.model import ErrorModel
 from errormodel.record import Record
 from errormodel.terms import Memory
+from thermo.run_in_state import assembly_stress
 from thermo.terms import term
 
 T_REF_C = 25.0
@@ -156,6 +158,13 @@ class _Unit:
         """Draw a new drift, as after power-on."""
         self.drift_g = 1e-6 * self.given.drift_ug * float(self.rng.standard_normal())
 
+    def relive(self, time_s: FloatArray, inside_c: FloatArray) -> None:
+        """Leave the memory as this past leaves it."""
+        x, none = inside_c - T_REF_C, np.zeros(time_s.size)
+        signals = dict.fromkeys(("a_i_g", "a_p_g", "a_o_g", "rate_c_per_min"), none)
+        record = Record(time_s=time_s, signals={**signals, "x_c": x, "x_slow_c": x})
+        _, self.memory = self.given.model.design(record, self.given.values, self.memory)
+
     def output_g(self, now_s: float, inside_c: float, rate: float, angle_rad: float) -> float:
         """Return the output over the nominal scale, g, noise of the meter apart."""
         if self.last is not None and now_s <= self.last[0]:
@@ -174,6 +183,7 @@ class _Unit:
                 "x_c": x,
                 "x_slow_c": x,
                 "rate_c_per_min": rate * full,
+                "elapsed_h": (last_s + (now_s - last_s) * part) / 3600.0,
             },
         )
         output, self.memory = self.given.model.continue_simulation(
@@ -266,6 +276,19 @@ class Twin:
             for unit in self._units:
                 unit.restart()
 
+    def relive(self, serial: str, time_s: ArrayLike, inside_c: ArrayLike) -> None:
+        """Give an accelerometer a past, before its first reading.
+
+        Parameters
+        ----------
+        serial : str
+        time_s, inside_c : array_like, shape (n,)
+            The temperatures it has been through, °C, in increasing time, s.
+        """
+        with self._lock:
+            k = next(k for k, wired in self._outputs.values() if wired.serial == serial)
+            self._units[k].relive(np.asarray(time_s, float), np.asarray(inside_c, float))
+
     def turn_head(self, now_s: float, target_deg: float, speed_deg_per_s: float) -> None:
         """Start turning from wherever the head is."""
         with self._lock:
@@ -338,6 +361,7 @@ def make_plant(
     nominal_scales: Mapping[str, float] | None = None,
     effects: Mapping[str, Mapping[str, float]] | None = None,
     settings: TwinSettings | None = None,
+    new_from_assembly: bool = False,
     seed: int = 1,
 ) -> Twin:
     """Make the physics of a station file.
@@ -350,20 +374,32 @@ def make_plant(
     effects : mapping, optional
         Hidden effects by serial number, as `emulated_accelerometer` takes them.
     settings : TwinSettings, optional
+    new_from_assembly : bool
+        Whether the accelerometers still have the stress of their assembly (`run_in_state`).
     seed : int
     """
     scales, hidden = nominal_scales or {}, effects or {}
-    return Twin(
-        station.inputs,
-        {
-            i.serial: emulated_accelerometer(
-                i.serial,
-                seed=seed,
-                nominal_scale=scales.get(i.serial, 1.3),
-                effects=hidden.get(i.serial),
-            )
-            for i in station.inputs
-        },
-        settings,
-        seed,
+    made = {
+        i.serial: emulated_accelerometer(
+            i.serial,
+            seed=seed,
+            nominal_scale=scales.get(i.serial, 1.3),
+            effects=hidden.get(i.serial),
+        )
+        for i in station.inputs
+    }
+    if new_from_assembly:
+        made = {s: newly_assembled(one, s, seed=seed) for s, one in made.items()}
+    return Twin(station.inputs, made, settings, seed)
+
+
+def newly_assembled(
+    given: EmulatedAccelerometer, serial: str, *, seed: int = 1
+) -> EmulatedAccelerometer:
+    """Return an accelerometer with the stress its assembly left in it."""
+    stress = assembly_stress(serial, seed=seed)
+    return replace(
+        given,
+        model=given.model.with_terms(*stress.terms()),
+        values={**given.values, **stress.values()},
     )

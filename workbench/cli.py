@@ -5,7 +5,6 @@ one line on standard error, with nothing written.
 """
 
 import contextlib
-import importlib
 import logging
 import os
 import sys
@@ -17,12 +16,12 @@ import click
 from drivers.errors import InstrumentError
 from errormodel.errors import WorkbenchError
 from workbench.console import HeldWarnings
+from workbench.lazy import LazyGroup
 
 DONE, FAILED, MISUSE = 0, 1, 2
 
 
-# name: module, attribute, what it does; a module is imported when its command is called, because
-# what some need takes seconds to import
+# name: module, attribute, what it does
 COMMANDS = {
     "demo": ("commands_demo", "demo", "The whole job on emulated instruments."),
     "run": ("commands_run", "run", "Run a chamber test sequence."),
@@ -30,8 +29,15 @@ COMMANDS = {
     "export": ("commands_store", "export", "Write a test of a store as a recorded run."),
     "import": ("commands_fit", "import_", "Make a recorded run of somebody else's log."),
     "fit": ("commands_fit", "fit", "Fit each accelerometer's error model over temperature."),
+    "runin": ("commands_runin", "runin", "Judge a run-in: settled, or how many cycles more."),
     "compensate": ("commands_fit", "compensate", "Apply a model to recorded runs."),
     "stability": ("commands_stability", "stability", "Compare runs: does each coefficient repeat?"),
+    "rig": ("commands_rig", "rig", "Plan, simulate and evaluate the rig calibration of a SINS."),
+    "discrepancy": (
+        "commands_discrepancy",
+        "discrepancy",
+        "Name the effect that a model lacks, and add it.",
+    ),
     "emulate": ("commands_store", "emulate", "Serve the instruments of a station file."),
 }
 
@@ -44,8 +50,10 @@ class _ReaderGoneError(Exception):
     """A broken pipe, without the exit that click makes of it."""
 
 
-class _LazyGroup(click.Group):
-    """A group whose commands are imported when they are called."""
+class _Commands(LazyGroup):
+    """The program's commands; how they end is told by `main`."""
+
+    table = COMMANDS
 
     def invoke(self, ctx: click.Context) -> object:
         try:
@@ -55,23 +63,8 @@ class _LazyGroup(click.Group):
         except BrokenPipeError:
             raise _ReaderGoneError from None
 
-    def list_commands(self, ctx: click.Context) -> list[str]:
-        return list(COMMANDS)
 
-    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        if cmd_name not in COMMANDS:
-            return None
-        module, attribute, _ = COMMANDS[cmd_name]
-        found = getattr(importlib.import_module(f"workbench.{module}"), attribute)
-        assert isinstance(found, click.Command)
-        return found
-
-    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        with formatter.section("Commands"):
-            formatter.write_dl([(name, text) for name, (_, _, text) in COMMANDS.items()])
-
-
-@click.group(cls=_LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(package_name="accelbench")
 def accelbench() -> None:
     """Characterise accelerometers over temperature, and compensate them.
@@ -114,8 +107,10 @@ def _run(argv: list[str], held: HeldWarnings) -> tuple[int, str]:
         result = accelbench.main(args=argv, prog_name="accelbench", standalone_mode=False, obj=held)
         return (result if isinstance(result, int) else DONE), ""
     except click.exceptions.NoArgsIsHelpError as err:
-        click.echo(err.ctx.get_help() if err.ctx else "")
-        return MISUSE, f"no command given, expected one of {', '.join(COMMANDS)}"
+        click.echo(err.ctx.get_help())
+        group = err.ctx.command
+        names = group.list_commands(err.ctx) if isinstance(group, click.Group) else []
+        return MISUSE, f"no command given, expected one of {', '.join(names)}"
     except click.UsageError as err:
         where = err.ctx.command_path.removeprefix("accelbench").strip() if err.ctx else ""
         return MISUSE, ": ".join(part for part in (where, err.format_message()) if part)

@@ -15,6 +15,8 @@ from thermo.foresight import Foresight, foresee
 from thermo.live import LiveEstimate
 from thermo.plan import Plan, make_plan
 from thermo.plan_text import plan_lines
+from thermo.run_in import RunInVerdict
+from thermo.run_in_station import judge_stored
 from thermo.sequence import Sequence as TestSequence
 from thermo.sequence import load_sequence, parse_sequence
 from thermo.station_emulated import default_station, run_emulated
@@ -27,6 +29,7 @@ from workbench.commands_store import store_option
 from workbench.console import emit
 from workbench.outputs import checked_run_output, force_option, json_option
 from workbench.progress import ProgressView
+from workbench.run_in_output import run_in_document, run_in_text
 
 DONE, FAILED = 0, 1
 
@@ -71,7 +74,8 @@ def run(
     """Run a chamber test sequence.
 
     However it ends, the chamber is put into its safe condition and that is verified. Exit code 1:
-    it ended early, a ramp was not uniform, or the safe condition is not verified. In Python:
+    it ended early, a ramp was not uniform, an accelerometer has not settled in the cycles of a
+    run-in, or the safe condition is not verified. In Python:
     thermo.station_shell.run_on_station, thermo.station_emulated.run_emulated.
     """
     inputs = [p for p in (sequence, station) if p is not None]
@@ -86,8 +90,13 @@ def run(
     with ProgressView(plan.total_s, live) as view:
         outcome = _run(job, (live, view))
     verdicts, exported = _after(job, plan, outcome, out)
+    settled = _run_in(job, outcome)
     document = _document(outcome, verdicts, exported, store, live)
-    emit(document, _text(outcome, verdicts, exported, store), as_json=as_json)
+    document["run_in"] = None if settled is None else run_in_document(settled)
+    text = [*_text(outcome, verdicts, exported, store), *run_in_text(settled or ())]
+    emit(document, text, as_json=as_json)
+    if settled is not None and not (settled and all(v.settled for v in settled)):
+        return FAILED
     return exit_code(outcome, verdicts)
 
 
@@ -199,6 +208,17 @@ def _after(
             return verdicts, []
         exported = export_recorded(store, outcome.test_id, out)
     return verdicts, [str(e.path) for e in exported]
+
+
+def _run_in(job: _Job, outcome: TestOutcome) -> tuple[RunInVerdict, ...] | None:
+    """Judge a run-in that ran to its end; None when there was none, empty when it cannot be."""
+    if job.sequence.run_in is None or outcome.status != "finished":
+        return None
+    with open_existing_store(job.store) as store:
+        try:
+            return judge_stored(store, outcome.test_id, job.sequence.run_in)
+        except WorkbenchError:
+            return ()  # the reason of the test's end tells why
 
 
 def _document(

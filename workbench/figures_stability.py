@@ -93,7 +93,8 @@ def draw_overview(result: Stability) -> Picture:
     caption = (
         "The batch, the steadiest on top, its verdict and grade at the right: points are "
         "estimates, bars 95 % limits (an arrow where they go beyond the panel), the dashed line "
-        "is the limit where one is given."
+        "is the limit where one is given. A verdict allows for all limits together: its bounds are "
+        "a little wider than the bars."
     )
     caption += f" {left} further accelerometers are not shown." if left else ""
     return picture(figure, "overview.png", caption)

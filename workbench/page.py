@@ -71,7 +71,7 @@ def rendered(template: str, **content: Any) -> str:
         lstrip_blocks=True,
     )
     return environment.get_template(template).render(
-        made=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"), software=_software(), **content
+        made=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"), software=software(), **content
     )
 
 
@@ -100,6 +100,7 @@ def source_rows(runs: RecordedRuns, fitted: Collection[str]) -> list[list[str]]:
     return rows
 
 
-def _software() -> str:
+def software() -> str:
+    """Return the versions of what a report was made with."""
     versions = (f"{name} {version(name)}" for name in SOFTWARE)
     return ", ".join((f"Python {platform.python_version()}", *versions))

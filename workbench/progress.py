@@ -18,7 +18,17 @@ from workbench.console import show_warnings_at_once
 
 SHOWN = 3  # accelerometers with their live K0 on the line
 STEP = 10  # percent between two lines where nobody looks at a terminal
-WORTH_SHOWING = ("fault", "pause", "gap", "resoak", "missed", "skipped", "position", "not safe")
+WORTH_SHOWING = (
+    "fault",
+    "pause",
+    "gap",
+    "resoak",
+    "missed",
+    "skipped",
+    "position",
+    "not safe",
+    "run-in",
+)
 
 
 class _Bar(Progress):

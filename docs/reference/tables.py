@@ -21,6 +21,8 @@ from drivers.emulators.faults import REPLY_KINDS
 from drivers.registers import load_map
 from drivers.station import ChamberConfig, FaultKind, StationConfig
 from errormodel.terms import InputChange
+from sinscal.recording import NavSidecar, RigSidecar
+from sinscal.rigfile import RigFile
 from thermo.fitting import TermsFile
 from thermo.importing_map import LogMap
 from thermo.modelfile import ModelFile
@@ -76,10 +78,7 @@ def _unit(unit: str) -> str:
 def commands() -> str:
     """Return every command with its arguments and options."""
     parts: list[str] = []
-    context = click.Context(accelbench)
-    for name in accelbench.list_commands(context):
-        command = accelbench.get_command(context, name)
-        assert command is not None
+    for name, command in leaves(accelbench):
         arguments = [p for p in command.params if isinstance(p, click.Argument)]
         usage = " ".join(p.metavar or p.human_readable_name.upper() for p in arguments)
         what = (command.help or "").split("\n\n")[0].strip()
@@ -90,12 +89,25 @@ def commands() -> str:
     return "\n".join(parts).rstrip()
 
 
+def leaves(group: click.Group, prefix: str = "") -> Iterator[tuple[str, click.Command]]:
+    """Return every command that is no group, with its groups' names before its own."""
+    context = click.Context(group)
+    for name in group.list_commands(context):
+        command = group.get_command(context, name)
+        assert command is not None
+        if isinstance(command, click.Group):
+            yield from leaves(command, f"{prefix}{name} ")
+        else:
+            yield f"{prefix}{name}", command
+
+
 def _option(option: click.Option) -> tuple[str, str, str]:
     value = "" if option.is_flag else f" {option.metavar or option.type.name.upper()}"
     default = option.default
     shown = f"`{default}`" if isinstance(default, str | Path) else "–"
     shown = "required" if option.required else shown
-    return f"`{max(option.opts, key=len)}{value}`", shown, option.help or ""
+    names = " / ".join(max(opts, key=len) for opts in (option.opts, option.secondary_opts) if opts)
+    return f"`{names}{value}`", shown, option.help or ""
 
 
 def keys(model: type[BaseModel], name: str) -> Callable[[], str]:
@@ -115,6 +127,17 @@ def keys(model: type[BaseModel], name: str) -> Callable[[], str]:
         return markdown(("key", "kind", "default", "meaning"), rows)
 
     return table
+
+
+def only(table: Callable[[], str], *names: str) -> Callable[[], str]:
+    """Return what makes a table of some of its rows: the others are told elsewhere."""
+
+    def chosen() -> str:
+        head, line, *rows = table().splitlines()
+        kept = [row for row in rows if row.startswith(tuple(f"| `{name}` " for name in names))]
+        return "\n".join([head, line, *kept])
+
+    return chosen
 
 
 def _walk(node: Schema, root: Schema, prefix: str) -> Iterator[tuple[str, str, str]]:
@@ -240,7 +263,10 @@ TABLES: dict[str, Callable[[], str]] = {
     "sequence": keys(Sequence, "sequence"),
     "station": keys(StationConfig, "station"),
     "mapping": keys(LogMap, "mapping"),
+    "rigfile": keys(RigFile, "rigfile"),
     "sidecar": keys(Sidecar, "sidecar"),
+    "rig-sidecar": keys(RigSidecar, "rig-sidecar"),
+    "nav-sidecar": only(keys(NavSidecar, "nav-sidecar"), "body_axes"),
     "termsfile": keys(TermsFile, "termsfile"),
     "modelfile": keys(ModelFile, "modelfile"),
 }

@@ -12,6 +12,8 @@ import numpy as np
 import pandas as pd
 
 from errormodel.errors import InputError
+from sinscal.plain_log import read_plain_log
+from sinscal.recording import read_nav_run, read_rig_run
 from thermo.fitting import TermsFile, fit_runs, read_terms
 from thermo.importing import import_log
 from thermo.modelfile import dump_model, make_model_file, read_model
@@ -104,6 +106,35 @@ first = 1
 """
 FORGIVING = MAP.replace(b'"error"', b'"flag"')
 
+RIG = "time_s,cycle,dtheta_x,dtheta_y,dtheta_z,accel_x,accel_y,accel_z,temp_c,rig_angle_rad,flag\n"
+RIG_CSV = (  # it turns evenly about x
+    RIG
+    + "".join(
+        f"{0.02 * k:.2f},{k // 40},0.05,1e-5,-2e-5,0.01,{9.81 * np.sin(0.05 * k - 0.025):.4f},"
+        f"{9.81 * np.cos(0.05 * k - 0.025):.4f},25.{k % 9},{0.05 * k:.4f},\n"
+        for k in range(80)
+        if k not in (9, 10)
+    )
+).encode()
+RIG_SIDECAR = b"""latitude_deg = 55.75
+height_m = 150
+axis_of_cycle = ["x", "x"]
+azimuth_deg = 30.0
+gyro_noise_deg_h_rthz = 0.1
+"""
+NAV_CSV = b"""time_s,cycle,lat_deg,lon_deg,height_m,ve_m_s,vn_m_s,vu_m_s,\
+roll_deg,pitch_deg,heading_deg
+0,1,55.75,37.6,150,0,0.01,0,1.5,-2.5,359.5
+1,1,55.7501,37.6001,150,0.1,-0.01,0,-179.5,89.5,0.5
+0,2,55.75,37.6,151,0,0,1e-3,0,0,180
+"""
+NAV_SIDECAR = b"""latitude_deg = 55.75
+height_m = 150
+body_axes = "forward-right-down"
+"""
+PLAIN = b"# x y z\nt;x;y;z\n" + b"".join(
+    f"{k / 100};{k};{-k};{9.8 + k}\n".encode() for k in range(40)
+)
 
 SEQUENCE = (ROOT / "data/sequences/short.toml").read_bytes()
 STATION = (ROOT / "data/stations/f4t.toml").read_bytes()
@@ -135,6 +166,22 @@ def _runs(folder: Path) -> object:
 
 def _log(folder: Path) -> object:
     return import_log(folder / "log.txt", folder / "map.toml")
+
+
+def _rig(folder: Path) -> object:
+    return read_rig_run(folder / "run.csv", physics=False)
+
+
+def _rig_with_physics(folder: Path) -> object:
+    return read_rig_run(folder / "run.csv")
+
+
+def _nav(folder: Path) -> object:
+    return read_nav_run(folder / "run.csv")
+
+
+def _plain(folder: Path) -> object:
+    return read_plain_log(folder / "log.txt", ["x", "y", "4"])
 
 
 def _sequence(folder: Path) -> object:
@@ -213,6 +260,17 @@ TARGETS: list[Target] = [
     Target("sidecar", {"run.csv": CSV, "run.toml": SIDECAR}, "run.toml", _runs),
     Target("log", {"log.txt": LOG, "map.toml": MAP}, "log.txt", _log),
     Target("log, bad rows flagged", {"log.txt": LOG, "map.toml": FORGIVING}, "log.txt", _log),
+    Target("rig run", {"run.csv": RIG_CSV, "run.toml": RIG_SIDECAR}, "run.csv", _rig),
+    Target(
+        "rig run held against physics",
+        {"run.csv": RIG_CSV, "run.toml": RIG_SIDECAR},
+        "run.csv",
+        _rig_with_physics,
+    ),
+    Target("rig sidecar", {"run.csv": RIG_CSV, "run.toml": RIG_SIDECAR}, "run.toml", _rig),
+    Target("navigation outputs", {"run.csv": NAV_CSV, "run.toml": NAV_SIDECAR}, "run.csv", _nav),
+    Target("navigation sidecar", {"run.csv": NAV_CSV, "run.toml": NAV_SIDECAR}, "run.toml", _nav),
+    Target("plain log", {"log.txt": PLAIN}, "log.txt", _plain),
     Target("mapping", {"log.txt": LOG, "map.toml": MAP}, "map.toml", _log),
     *(
         Target(f"sequence {p.stem}", {"s.toml": p.read_bytes()}, "s.toml", _sequence)

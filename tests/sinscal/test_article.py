@@ -1,9 +1,11 @@
 """The article's tables: the stored reading is the best of the scan and meets the acceptance."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from sinscal.article import BEST, LITERAL, ArticleAnalysis, best_reading
+from sinscal.article import BEST, LITERAL, ArticleAnalysis, best_reading, readings
 
 
 @pytest.fixture(scope="module")
@@ -26,5 +28,20 @@ def test_the_letter_does_not(analysis: ArticleAnalysis) -> None:
     assert tables.rms_log > 1.0
 
 
+def test_any_one_choice_changed_is_worse(analysis: ArticleAnalysis) -> None:
+    best = analysis.tables(BEST).rms_log
+    others = [
+        replace(BEST, accel_factor=1.0),
+        replace(BEST, gyro_factor=1.0),
+        replace(BEST, carried=True),
+        replace(BEST, base="same"),
+        replace(BEST, base="free"),
+        replace(BEST, remounted=True),
+    ]
+    assert set(others) <= set(readings())
+    assert min(analysis.tables(reading).rms_log for reading in others) > best
+
+
+@pytest.mark.slow
 def test_the_stored_reading_is_the_best_of_the_scan(analysis: ArticleAnalysis) -> None:
     assert best_reading(analysis)[0] == BEST

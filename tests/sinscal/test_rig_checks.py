@@ -182,3 +182,13 @@ def test_checks_are_quick():
     began = time.process_time()
     checked_rig(run)
     assert time.process_time() - began < 10.0  # one second when the machine is free
+
+
+def test_readings_that_never_change_are_only_not_checked():
+    """A coarse sensor at rest: no noise at all is no reason to fail."""
+    run = rig_run(rate_deg_s=0.0)
+    still = replace(
+        run, gyro=np.zeros_like(run.gyro), accel=np.tile([0.0, 0.0, 9.8], (len(run), 1))
+    )
+    (warning,) = checked_rig(still).warnings
+    assert warning.startswith("axes_not_checked: ")

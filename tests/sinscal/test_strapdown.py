@@ -8,7 +8,8 @@ from numpy.testing import assert_allclose
 
 from sinscal.attitude import angles_from_c_nb, c_nb_from_angles, rotation, rotvec_of
 from sinscal.earth import A_M, RATE_RAD_S, earth_rate_enu, gravity_m_s2, radii_m
-from sinscal.strapdown import NavState, Track, navigate, product, turned, unit_quaternion
+from sinscal.quaternions import product, turned, unit_quaternion
+from sinscal.strapdown import NavState, Track, navigate
 
 LAT = np.deg2rad(55.75)
 G = gravity_m_s2(LAT, 0.0)

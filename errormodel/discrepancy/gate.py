@@ -1,0 +1,131 @@
+"""Where the residual disagrees, and whether the names found account for it."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from errormodel.discrepancy.choices import Rules, SearchResult
+from errormodel.discrepancy.nulls import Calibration
+from errormodel.discrepancy.scan import View
+from errormodel.discrepancy.search import residual_of
+
+Verdict = Literal["named", "alias", "unexplained_repeatable", "unexplained_noise", "nothing"]
+# What one resolved direction of a factor costs when factors are compared (ln of some 20 samples).
+PER_DIRECTION = 3.0
+# Excess kurtosis of the whitened residual beyond this many of its own sigmas is bursts, not noise.
+BURSTS = 6.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FactorFinding:
+    """How much of the residual follows one factor.
+
+    `excess` is its chi-square beyond what noise gives on average; `score` takes off what its
+    finer resolution costs; `p_value` is over all factors of its kind.
+    """
+
+    name: str
+    repeatable: bool
+    excess: float
+    score: float
+    p_value: float
+
+
+def locate(view: View, laws: Calibration) -> tuple[FactorFinding, ...]:
+    """Return every factor with how much it carries, the best place first."""
+    data = view.data[:, None]
+    found: list[FactorFinding] = []
+    for factor in view.problem.factors:
+        gain = float(view.factor_gains(factor, data)[0])
+        law = laws.factors[factor.name]
+        p_value = laws.p_factor_family(law.p_value(gain), repeatable=factor.repeatable)
+        score = gain - PER_DIRECTION * law.mean
+        found.append(
+            FactorFinding(
+                name=factor.name,
+                repeatable=factor.repeatable,
+                excess=gain - law.mean,
+                score=score,
+                p_value=p_value,
+            )
+        )
+    return tuple(sorted(found, key=lambda f: -f.score))
+
+
+def bursts(view: View) -> float:
+    """Return the excess kurtosis of the whitened residual in units of its own sigma."""
+    rest = residual_of(view)
+    if rest.size < 30:
+        return 0.0
+    scaled = rest / np.std(rest)
+    return float((np.mean(scaled**4) - 3.0) / np.sqrt(24.0 / rest.size))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Judgement:
+    """The verdict and what it stands on.
+
+    Attributes
+    ----------
+    verdict : str
+    explained_share : float
+        Of the excess chi-square that is explained or located.
+    rest : tuple of FactorFinding
+        What is left after the named effects, by factor.
+    loud, loud_noise : bool
+        Whether something that repeats, or something that does not, is left.
+    bursts : float
+    """
+
+    verdict: Verdict
+    explained_share: float
+    rest: tuple[FactorFinding, ...]
+    loud: bool
+    loud_noise: bool
+    bursts: float
+
+
+def judge(
+    view: View, result: SearchResult, laws: Calibration, rules: Rules, *, too_much_drift: bool
+) -> Judgement:
+    """Judge whether the names found account for the disagreement.
+
+    Parameters
+    ----------
+    view : View
+        Of the model with the effects found.
+    result : SearchResult
+    laws : Calibration
+    rules : Rules
+    too_much_drift : bool
+        The noise itself is more than it may be.
+    """
+    rest = locate(view, laws)
+    repeating = [f for f in rest if f.repeatable and f.p_value < rules.alpha_rest]
+    passing = [f for f in rest if not f.repeatable and f.p_value < rules.alpha_rest]
+    spikes = bursts(view)
+    left = max((f.excess for f in repeating), default=0.0)
+    share = result.explained / (result.explained + left) if result.explained else 0.0
+    loud, restless = bool(repeating), bool(passing) or spikes > BURSTS
+    loud_noise = restless or too_much_drift
+    events = result.slots and all(_is_event(view, s.choice.name) for s in result.slots)
+    verdict: Verdict = "nothing"
+    if loud and share < rules.share:
+        verdict = "unexplained_repeatable"
+    elif (loud_noise and not result.slots) or (restless and events):
+        verdict = "unexplained_noise"
+    elif result.slots:
+        verdict = "alias" if any(len(s.alias) > 1 for s in result.slots) else "named"
+    return Judgement(
+        verdict=verdict,
+        explained_share=share,
+        rest=rest,
+        loud=loud,
+        loud_noise=loud_noise,
+        bursts=spikes,
+    )
+
+
+def _is_event(view: View, name: str) -> bool:
+    return name in view.problem.events

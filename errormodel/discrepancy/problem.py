@@ -1,0 +1,139 @@
+"""What the engine asks of a measurement: residuals, the baseline's columns, candidate effects.
+
+The engine knows no physics. A chamber run gives it the residual of its present model and lets it
+find the colour of the noise. A filter gives it its innovations, which are white already and have
+the baseline projected out, with `noise=NoiseShape()` and `sigma=1` given and `base` empty; a
+candidate's signature is then what the filter's own gains make of the effect (Willsky and Jones
+1976). Everything after that is the same regression.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from errormodel.arrays import FloatArray
+from errormodel.discrepancy.coloured import NoiseShape, TimeBase
+
+Theta = tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Signature:
+    """What an effect would leave in the residual, at given nonlinear parameters.
+
+    The residual with the effect is ``base · b + columns · c + offset`` with b, c free.
+
+    Attributes
+    ----------
+    columns : ndarray, shape (n, k)
+        What the effect adds; k = 0 for an effect that only changes an input.
+    base : ndarray, shape (n, p), optional
+        The baseline's columns when the effect changes them too.
+    offset : ndarray, shape (n,), optional
+        What the effect does with no free coefficient.
+    """
+
+    columns: FloatArray
+    base: FloatArray | None = None
+    offset: FloatArray | None = None
+
+
+def columns_of(signature: Signature) -> FloatArray:
+    """Return a signature's columns; for an effect without a coefficient, what it does."""
+    return signature.columns if signature.offset is None else signature.offset[:, None]
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Candidate:
+    """An effect that may be missing.
+
+    `grid` are the nonlinear parameters tried first, close enough together that the best of them
+    lies in the right valley; `bounds` those of the refinement, or `finer` gives the points about
+    one of the grid where the output does not change smoothly (neither: the grid is all there is).
+    An event's size inflates the noise it is judged by, so the noise is estimated anew once it is
+    in the model. `richer` is a more supple member of the same family of shapes, tried before any
+    second effect is named.
+    """
+
+    name: str
+    signature: Callable[[Theta], Signature]
+    grid: tuple[Theta, ...] = ((),)
+    bounds: tuple[tuple[float, float], ...] = ()
+    finer: Callable[[Theta], tuple[Theta, ...]] | None = None
+    event: bool = False
+    richer: "Candidate | None" = None
+    grid_signatures: tuple[Signature, ...] = field(init=False, default=())
+
+    def prepared(self) -> tuple[Signature, ...]:
+        """Return the signatures of the grid, computed once."""
+        if not self.grid_signatures:
+            made = tuple(self.signature(theta) for theta in self.grid)
+            object.__setattr__(self, "grid_signatures", made)
+        return self.grid_signatures
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Factor:
+    """Something the residual may follow: its columns resolve it.
+
+    Of several groups of columns (one a period, say) the one that explains most counts.
+    `repeatable` tells whether a new run would show the same.
+    """
+
+    name: str
+    groups: tuple[FloatArray, ...]
+    repeatable: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Problem:
+    """A measurement, its present model and what may be missing.
+
+    Attributes
+    ----------
+    times : TimeBase
+    residual : ndarray, shape (n,)
+        Measured less the present model.
+    base : ndarray, shape (n, p)
+        Derivative of the present model by its unknowns.
+    candidates : tuple of Candidate
+    saturated : ndarray, shape (n, m)
+        Everything that would repeat in a new run, for the noise to be judged beside.
+    factors : tuple of Factor
+    noise, sigma : NoiseShape, float, optional
+        When they are known.
+    events : frozenset of str
+        Names of effects that a new run would not repeat.
+    """
+
+    times: TimeBase
+    residual: FloatArray
+    base: FloatArray
+    candidates: tuple[Candidate, ...]
+    saturated: FloatArray
+    factors: tuple[Factor, ...] = ()
+    noise: NoiseShape | None = None
+    sigma: float | None = None
+    events: frozenset[str] = frozenset()
+
+    def __post_init__(self) -> None:
+        n = len(self.times)
+        for name in ("residual", "base", "saturated"):
+            if getattr(self, name).shape[0] != n:
+                raise ValueError(f"{name} has {getattr(self, name).shape[0]} rows, expected {n}")
+
+
+def independent(columns: FloatArray, share: float = 1e-6) -> FloatArray:
+    """Return an orthonormal basis of the columns' span, shape (n, rank).
+
+    Columns are brought to unit length first; directions below `share` of the largest are dropped.
+    """
+    norms = np.linalg.norm(columns, axis=0)
+    scaled = columns[:, norms > 0] / norms[norms > 0]
+    if scaled.shape[1] == 0:
+        return np.zeros((columns.shape[0], 0))
+    values, vectors = np.linalg.eigh(scaled.T @ scaled)
+    kept = values > max(share, 1e-11) * values[-1]
+    basis, _ = np.linalg.qr(scaled @ (vectors[:, kept] / np.sqrt(values[kept])))
+    return basis

@@ -1,0 +1,276 @@
+"""The search: one effect after another, each slot tried again once the others are known."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+from errormodel.arrays import FloatArray
+from errormodel.discrepancy.choices import Choice, Rules, SearchResult, Slot, Source
+from errormodel.discrepancy.events import event_ratios, events_of
+from errormodel.discrepancy.floor import NoiseFloor, estimate_floor
+from errormodel.discrepancy.nulls import Calibration
+from errormodel.discrepancy.problem import Candidate, Problem, Signature
+from errormodel.discrepancy.scan import Found, Prepared, View
+
+
+def chi_square(view: View) -> float:
+    """Return the whitened sum of squares that the baseline leaves."""
+    rest = view.beside_base(view.data[:, None])[:, 0]
+    return float(rest @ rest)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Ranked:
+    """A candidate at its best.
+
+    `score` is its gain beyond its mean under the null: what an effect with more unknowns gains by
+    luck does not count for it. `p_value` is over the whole library.
+    """
+
+    found: Found
+    score: float
+    p_value: float
+
+
+# Simulates the null laws anew once the noise has been estimated beside an event.
+Recalibrate = Callable[[Problem, NoiseFloor], Calibration]
+
+
+class Search:
+    """A search for missing effects under one calibration."""
+
+    def __init__(
+        self,
+        source: Source,
+        floor: NoiseFloor,
+        laws: Calibration,
+        rules: Rules | None = None,
+        again: Recalibrate | None = None,
+    ) -> None:
+        self.source, self.floor, self.laws = source, floor, laws
+        self.rules = rules or Rules()
+        self._again = again
+        self._entered: dict[str, float] = {}
+
+    def view(self, chosen: Sequence[Choice]) -> View:
+        """Return the refitted problem under the present noise."""
+        problem = self.source.problem(chosen, self.floor.shape)
+        return View(problem, self.floor.shape, self.floor.sigma)
+
+    def chosen(self) -> tuple[Choice, ...]:
+        """Add effects while they are significant."""
+        return tuple(self._added()[0])
+
+    def _added(self) -> tuple[list[Choice], tuple[Found, ...]]:
+        chosen: list[Choice] = []
+        first: tuple[Found, ...] = ()
+        for _ in range(self.rules.most):
+            view = self.view(chosen)
+            ranked = self._with_ratios(view, self.ranked(view))
+            first = first or tuple(r.found for r in ranked)
+            if not ranked or not self._enters(ranked[0]):
+                break
+            best = ranked[0].found
+            if chosen and not best.candidate.event and self._is_shape(ranked[0], view):
+                break
+            self._entered[best.candidate.name] = ranked[0].p_value
+            chosen.append(Choice(best.candidate.name, best.theta))
+            chosen = self._made_supple(chosen)
+            if best.candidate.event:
+                self._renew_floor(chosen)
+        return chosen, first
+
+    def run(self) -> SearchResult:
+        """Add effects while they are significant, then try every slot again."""
+        start = self.floor, self.laws
+        chosen, first = self._added()
+        slots = self._settled(chosen)
+        if not slots:
+            self.floor, self.laws = start
+        explained = 0.0
+        if slots:
+            before, after = self.view([]), self.view([s.choice for s in slots])
+            explained = chi_square(before) - chi_square(after)
+        return SearchResult(slots=slots, floor=self.floor, explained=explained, first=first)
+
+    def ranked(self, view: View) -> list[Ranked]:
+        """Return every candidate at its best, under the present noise, best first."""
+        made: list[Ranked] = []
+        for found in Prepared(view, view.problem.candidates).scan():
+            name = found.candidate.name
+            p_value = self._p_value(name, found.grid_gain)
+            made.append(Ranked(found, found.gain - self._luck(name), p_value))
+        return sorted(made, key=lambda r: -r.score)
+
+    def _with_ratios(self, view: View, ranked: list[Ranked]) -> list[Ranked]:
+        """Let events count with their likelihood ratios: each beside its own noise."""
+        if not self.laws.shapes:
+            return ranked
+        data = view.problem.residual[:, None]
+        values = event_ratios(view.problem, self.laws.shapes, data)[:, 0].tolist()
+        ratios = dict(zip((c.name for c in events_of(view.problem)), values, strict=True))
+        made = [
+            Ranked(r.found, ratios[n] - self._luck(n), self._p_value(n, ratios[n]))
+            if (n := r.found.candidate.name) in ratios
+            else r
+            for r in ranked
+        ]
+        return self._in_order(view, sorted(made, key=lambda r: -r.score))
+
+    def _in_order(self, view: View, ranked: list[Ranked]) -> list[Ranked]:
+        """Put first what enters first: of what repeats and of events, whichever is likelier.
+
+        What repeats poses as an event while it is missing, and an event as what repeats, so the
+        two are compared by the same likelihood ratio.
+        """
+        entering = [r for r in ranked if self._enters(r)]
+        steady = next((r for r in entering if not r.found.candidate.event), None)
+        event = next((r for r in entering if r.found.candidate.event), None)
+        first = steady or event
+        if steady and event:
+            found = steady.found
+            signature = found.candidate.signature(found.theta)
+            alone = Candidate(name=found.candidate.name, signature=lambda theta: signature)
+            data = view.problem.residual[:, None]
+            ratio = event_ratios(view.problem, self.laws.shapes, data, [alone])[0, 0]
+            if ratio - self._luck(found.candidate.name) < event.score:
+                first = event
+        return ranked if first is None else [first, *(r for r in ranked if r is not first)]
+
+    def _enters(self, one: Ranked) -> bool:
+        event = one.found.candidate.event
+        return one.p_value < (self.rules.alpha_event if event else self.rules.alpha)
+
+    def _luck(self, name: str) -> float:
+        return self.laws.gains[name].mean if name in self.laws.gains else 0.0
+
+    def _p_value(self, name: str, gain: float) -> float:
+        return self.laws.p_family(name, gain)
+
+    def _is_shape(self, one: Ranked, view: View) -> bool:
+        """Tell whether an effect is only the ill-known shape of those named before it."""
+        if one.score < self.rules.further:
+            return True
+        plain = self.view([])
+        signature = one.found.candidate.signature(one.found.theta)
+        alone, beside = plain.strength(signature), view.strength(signature)
+        imitated = 1.0 - (beside / alone) ** 2 if alone > 0 else 1.0
+        total = chi_square(plain) - chi_square(view)
+        return imitated > 0.3 and one.found.gain < self.rules.relative**2 * total
+
+    def _made_supple(self, chosen: list[Choice]) -> list[Choice]:
+        """Give the last effect its family's richer member when that explains clearly more."""
+        last = chosen[-1]
+        view = self.view(chosen[:-1])
+        head = next(c for c in view.problem.candidates if c.name == last.name)
+        if head.richer is None:
+            return chosen
+        plain = Prepared(view, [head]).scan()[0]
+        rich = Prepared(view, [head.richer]).scan()[0]
+        more = _unknowns(head.richer) - _unknowns(head)
+        if rich.gain - plain.gain > self.rules.supple + 2.0 * more:
+            return [*chosen[:-1], Choice(last.name, rich.theta, rich=True)]
+        return chosen
+
+    def _renew_floor(self, chosen: Sequence[Choice]) -> None:
+        """Estimate the noise beside the effects chosen, and its null laws with it."""
+        problem = self.source.problem(chosen, self.floor.shape)
+        if problem.noise is not None:
+            return
+        self.floor = estimate_floor(problem.times, problem.residual, problem.saturated)
+        if self._again is not None:
+            laws = self._again(self.source.problem(chosen, self.floor.shape), self.floor)
+            self.laws = replace(laws, gains={**self.laws.gains, **laws.gains})
+
+    def _settled(self, chosen: list[Choice]) -> tuple[Slot, ...]:
+        """Try every slot again beside the others; drop what no longer stands."""
+        slots: list[Slot] = []
+        for _ in range(2):
+            slots = []
+            moved = False
+            for k in range(len(chosen)):
+                others = [c for j, c in enumerate(chosen) if j != k]
+                slot = self._slot(others, chosen[k])
+                if slot is None:
+                    return self._settled(others)
+                swapped = slot.choice.name != chosen[k].name
+                chosen[k] = slot.choice
+                slots.append(slot)
+                if swapped:
+                    moved = True
+                    self._entered[slot.choice.name] = slot.p_value
+                    self._renew_floor(chosen)
+            if not moved:
+                return tuple(slots)
+        return tuple(slots) if chosen else ()
+
+    def _slot(self, others: Sequence[Choice], present: Choice) -> Slot | None:
+        view = self.view(others)
+        ranked = self.ranked(view)
+        if all(c.event for c in view.problem.candidates):
+            # nothing is known to repeat: a noise estimated beside one of them favours that one
+            ranked = self._with_ratios(view, ranked)
+        else:
+            ranked = self._with_rich(view, ranked, present)
+        ranked = _simplest_first(ranked)
+        best = ranked[0].found
+        name = best.candidate.name
+        # an event was judged when it entered; the noise has since been estimated beside it
+        p_value = ranked[0].p_value
+        if best.candidate.event:
+            p_value = self._entered.get(name, self._entered.get(present.name, 1.0))
+        limit = self.rules.alpha_event if best.candidate.event else self.rules.alpha
+        if p_value >= limit or ranked[0].score < self.rules.least:
+            return None
+        top = max(r.score for r in ranked)
+        below = [(r.found.candidate.name, top - r.score) for r in ranked]
+        return Slot(
+            choice=Choice(name, best.theta, rich=present.rich and name == present.name),
+            gain=best.gain,
+            p_value=p_value,
+            rivals=tuple(below[1:]),
+            alias=tuple(n for n, b in below if b < self.rules.alias),
+        )
+
+    def _with_rich(self, view: View, ranked: list[Ranked], present: Choice) -> list[Ranked]:
+        """Let the richer member stand for its family where it was chosen."""
+        if not present.rich:
+            return ranked
+        made = [
+            self._richer(view, r) if r.found.candidate.name == present.name else r for r in ranked
+        ]
+        return sorted(made, key=lambda r: -r.score)
+
+    def _richer(self, view: View, plain: Ranked) -> Ranked:
+        candidate = plain.found.candidate
+        if candidate.richer is None:
+            return plain
+        rich = Prepared(view, [candidate.richer]).scan()[0]
+        more = _unknowns(candidate.richer) - _unknowns(candidate)
+        found = Found(
+            candidate=candidate,
+            theta=rich.theta,
+            gain=rich.gain,
+            grid_gain=max(plain.found.grid_gain, rich.grid_gain),
+        )
+        return Ranked(found, plain.score + rich.gain - plain.found.gain - 2.0 * more, plain.p_value)
+
+
+# Scores this close are a tie: the effect with fewer unknowns is put first.
+TIE = 2.0
+
+
+def _simplest_first(ranked: list[Ranked]) -> list[Ranked]:
+    """Put the effect with the fewest unknowns before those that are hardly better."""
+    tied = [r for r in ranked if ranked[0].score - r.score < TIE]
+    first = min(tied, key=lambda r: _unknowns(r.found.candidate))
+    return [first, *(r for r in ranked if r is not first)]
+
+
+def _unknowns(candidate: Candidate) -> int:
+    signature: Signature = candidate.prepared()[0]
+    return signature.columns.shape[1] + len(candidate.grid[0])
+
+
+def residual_of(view: View) -> FloatArray:
+    """Return the whitened residual beside the baseline."""
+    return view.beside_base(view.data[:, None])[:, 0]

@@ -1,0 +1,72 @@
+"""Vectors and quaternions as tuples: numba keeps them in registers, arrays it would allocate."""
+
+import numba
+import numpy as np
+
+from errormodel.arrays import FloatArray
+
+Vector = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]  # scalar first
+
+
+@numba.njit(cache=True)
+def row_of(a: FloatArray, k: int) -> Vector:
+    """Return row k of an array (n, 3)."""
+    return a[k, 0], a[k, 1], a[k, 2]
+
+
+@numba.njit(cache=True)
+def plus(a: Vector, b: Vector) -> Vector:
+    """Return a + b."""
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
+
+
+@numba.njit(cache=True)
+def scaled(k: float, a: Vector) -> Vector:
+    """Return k·a."""
+    return k * a[0], k * a[1], k * a[2]
+
+
+@numba.njit(cache=True)
+def dot(a: Vector, b: Vector) -> float:
+    """Return a · b."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@numba.njit(cache=True)
+def cross(a: Vector, b: Vector) -> Vector:
+    """Return a × b."""
+    return (
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    )
+
+
+@numba.njit(cache=True)
+def unit_quaternion(v: Vector) -> Quaternion:
+    """Return the quaternion (scalar first) of a rotation vector."""
+    angle2 = dot(v, v)
+    if angle2 < 1e-8:
+        whole = 1.0 - angle2 / 8.0 + angle2 * angle2 / 384.0
+        part = 0.5 - angle2 / 48.0
+    else:
+        angle = np.sqrt(angle2)
+        whole, part = np.cos(0.5 * angle), np.sin(0.5 * angle) / angle
+    return whole, part * v[0], part * v[1], part * v[2]
+
+
+@numba.njit(cache=True)
+def product(a: Quaternion, b: Quaternion) -> Quaternion:
+    """Return the quaternion product: b's rotation, then a's."""
+    u, v = (a[1], a[2], a[3]), (b[1], b[2], b[3])
+    x, y, z = plus(plus(scaled(a[0], v), scaled(b[0], u)), cross(u, v))
+    return a[0] * b[0] - dot(u, v), x, y, z
+
+
+@numba.njit(cache=True)
+def turned(q: Quaternion, a: Vector) -> Vector:
+    """Return a vector turned by a unit quaternion."""
+    u = (q[1], q[2], q[3])
+    once = scaled(2.0, cross(u, a))
+    return plus(a, plus(scaled(q[0], once), cross(u, once)))

@@ -1,0 +1,53 @@
+"""Whitening of slow noise, against the dense covariance."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy import linalg
+
+from errormodel.discrepancy.coloured import NoiseShape, TimeBase, drifting, flicker, walking
+from tests.errormodel.discrepancy.examples import time_base
+
+BASE = time_base(runs=2, n=40)
+SHAPES = {
+    "white": NoiseShape(),
+    "drift": drifting(4.0, 900.0),
+    "flicker": flicker(0.7, BASE),
+    "walk": walking(9.0, BASE, continued=False),
+    "walk that goes on": walking(9.0, BASE, continued=True),
+}
+
+
+def covariance(shape: NoiseShape, base: TimeBase) -> np.ndarray:
+    time_s = base.elapsed_s if shape.continued else base.time_s
+    same = np.ones((len(base),) * 2) if shape.continued else base.run[:, None] == base.run
+    total = np.diag(base.white2)
+    for variance, tau_s in zip(shape.variance, shape.tau_s, strict=True):
+        apart = np.exp(-np.abs(time_s[:, None] - time_s) / tau_s)
+        if not shape.settled:  # begun from zero: what the start would have left is taken off
+            apart = apart - np.exp(-(time_s[:, None] + time_s) / tau_s)
+        total = total + variance * apart * same
+    return total
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_whitening_is_the_inverse_cholesky_factor(name: str) -> None:
+    shape = SHAPES[name]
+    factor = linalg.cholesky(covariance(shape, BASE), lower=True)
+    columns = np.random.default_rng(3).standard_normal((len(BASE), 4))
+    whitener = shape.whitener(BASE)
+    expected = linalg.solve_triangular(factor, columns, lower=True)
+    assert_allclose(whitener.whiten(columns), expected, atol=1e-9)
+    assert_allclose(whitener.log_det, 2 * np.log(np.diag(factor)).sum(), rtol=1e-9)
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_colouring_undoes_whitening(name: str) -> None:
+    whitener = SHAPES[name].whitener(BASE)
+    columns = np.random.default_rng(4).standard_normal((len(BASE), 3))
+    assert_allclose(whitener.colour(whitener.whiten(columns)), columns, atol=1e-10)
+
+
+def test_a_walk_from_zero_counts_with_what_it_moves_within_a_run() -> None:
+    # a walk of variance q·t has the mean square q·T/2 over a run of T; its `ratio2` is q·T
+    assert_allclose(walking(9.0, BASE, continued=False).slow_share(BASE.span_s), 4.5, rtol=0.02)

@@ -1,0 +1,100 @@
+"""Chamber runs with an effect hidden in them, simulated apart from the package's models."""
+
+from collections.abc import Mapping
+
+import numpy as np
+import pandas as pd
+
+from tests.thermo.examples import ou
+from thermo.recording import RecordedRuns, make_runs
+
+PERIOD_S, DWELL = 10.0, 60
+NOMINAL = 1.3
+
+
+def profile(rate: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return time and temperature: soaks at −40 and 70 °C, a case that lags by a minute."""
+    ramp_s = 110.0 / rate * 60.0
+    time_s = np.arange(0.0, 4800.0 + 2 * ramp_s, PERIOD_S)
+    corners = [0, 1800, 1800 + ramp_s, 3600 + ramp_s, 3600 + 2 * ramp_s, 1e9]
+    return time_s, lagged(time_s, np.interp(time_s, corners, [-40, -40, 70, 70, -40, -40]), 60.0)
+
+
+def lagged(time_s: np.ndarray, x: np.ndarray, tau_s: float) -> np.ndarray:
+    """Return a first-order lag, in steps of a tenth of a reading."""
+    out, share = np.empty_like(x), 1.0 - np.exp(-PERIOD_S / 10.0 / tau_s)
+    state = x[0]
+    for k in range(x.size):
+        before = x[k - 1] if k else x[0]
+        for part in np.arange(1, 11) / 10.0:
+            state += share * (before + (x[k] - before) * (part - 0.05) - state)
+        out[k] = state
+    return out
+
+
+def loop(x: np.ndarray, width: float) -> np.ndarray:
+    """Return a loop's state: from −1 to 1, it follows the direction within a width."""
+    out = np.zeros_like(x)
+    for k in range(1, x.size):
+        step = x[k] - x[k - 1]
+        side = np.sign(step)
+        out[k] = side + (out[k - 1] - side) * np.exp(-abs(step) / width) if step else out[k - 1]
+    return out
+
+
+def positions(rng: np.random.Generator, n: int, every_45: bool) -> np.ndarray:
+    """Return the head's angle: the four quarters in turn, or eighths in random order."""
+    dwells = -(-n // DWELL)
+    if every_45:
+        order = np.concatenate([rng.permutation(8) * 45.0 for _ in range(dwells // 8 + 1)])
+    else:
+        order = np.tile([0.0, 90.0, 180.0, -90.0], dwells // 4 + 1)
+    return np.repeat(order, DWELL)[:n]
+
+
+def hidden_runs(
+    seed: int,
+    hidden: Mapping[str, float] | None = None,
+    *,
+    rates: tuple[float, ...] = (1.0, 1.0, 1.0, 1.0),
+    every_45: bool = False,
+    drift_ug: float = 3.0,
+    tempco: float = 100e-6,
+) -> RecordedRuns:
+    """Return runs of accelerometer "A" with effects hidden in them, sizes in µg and s."""
+    hidden, rng = hidden or {}, np.random.default_rng(seed)
+    frames: list[pd.DataFrame] = []
+    begun_h = 0.0
+    offsets = rng.standard_normal(len(rates)) * hidden.get("offset", 0.0)
+    for number, rate in enumerate(rates):
+        time_s, temp_c = profile(rate)
+        angle = positions(rng, time_s.size, every_45)
+        a_i, a_p = np.sin(np.deg2rad(angle)), np.cos(np.deg2rad(angle))
+        inside = lagged(time_s, temp_c, hidden["lag"]) if "lag" in hidden else temp_c
+        x, hours = inside - 25.0, begun_h + time_s / 3600.0
+        error = -429.0 + 11.0 * x + 0.03 * x**2 + offsets[number]
+        error += hidden.get("rate", 0.0) * np.gradient(temp_c, time_s) * 60.0
+        error += hidden.get("k2", 0.0) * a_i**2 + hidden.get("k3", 0.0) * a_i**3
+        error += hidden.get("cross", 0.0) * a_p + hidden.get("order", 0.0) * ((x / 65.0) ** 3)
+        error += hidden.get("step", 0.0) * (hours > 9.0)
+        error += hidden.get("wave", 0.0) * np.sin(2 * np.pi * temp_c / 20.0)
+        if "loop" in hidden:
+            error += hidden["loop"] * loop(temp_c, 12.0)
+        error += 5.0 * rng.standard_normal(time_s.size) + ou(rng, time_s, drift_ug, 3600.0)
+        scale = 1.0 + tempco * x + 0.003 * tempco * x**2
+        frames.append(
+            pd.DataFrame(
+                {
+                    "run": f"{number + 1}",
+                    "serial": "A",
+                    "time_s": time_s,
+                    "temp_c": temp_c + 0.002 * rng.standard_normal(time_s.size),
+                    "position_deg": angle,
+                    "output": np.round(NOMINAL * scale * (a_i + 1e-6 * error), 7),
+                }
+            )
+        )
+        begun_h = hours[-1] + 1.0 / 360.0
+    return make_runs(
+        pd.concat(frames), output_unit="mA", gravity_m_s2=9.80665, nominal_scale=NOMINAL
+    )

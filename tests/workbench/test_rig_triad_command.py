@@ -1,0 +1,144 @@
+"""`accelbench rig triad`, called as the group calls it."""
+
+import json
+from pathlib import Path
+
+import click
+import numpy as np
+import pytest
+
+from errormodel.errors import InputError
+from sinscal.earth import Site
+from sinscal.recording import write_rig_run
+from sinscal.run import RigFacts, RigRun
+from tests.sinscal.triad_example import COUNTS, G, recording
+from workbench.commands_rig_triad import triad
+
+GAMMA = np.array([[3e-3, 0, 0], [1e-3, -2e-3, 0], [4e-4, -6e-4, 1e-3]])
+BIAS = np.array([0.1, -0.05, 0.02])
+
+
+def call(*arguments: str | Path) -> None:
+    triad.main([str(a) for a in arguments], standalone_mode=False)
+
+
+def log_file(folder: Path) -> Path:
+    raw, _ = recording(seed=1, positions=18)
+    raw[: raw.shape[0] // 2] = np.round(raw[: raw.shape[0] // 2])
+    path = folder / "log.txt"
+    np.savetxt(path, np.column_stack([0.01 * np.arange(raw.shape[0]), raw]), fmt="%.3f")
+    return path
+
+
+def rig_file(folder: Path, *, warm: bool = False) -> Path:
+    """A rig run turned by hand: the forces of the example through Γ and Δf⁰."""
+    ideal = np.array([1.0, 1.0, 1.0, 0, 0, 0, 0, 0, 0])
+    force, _ = recording(seed=2, positions=20, noise=0.0, values=ideal)
+    rng = np.random.default_rng(3)
+    n = force.shape[0]
+    temp = 25.0 + np.linspace(-10, 10, n)
+    slope = 1e-3 * (temp - 25.0)[:, None] if warm else 0.0
+    run = RigRun(
+        time_s=0.01 * np.arange(1, n + 1),
+        step_s=np.full(n, 0.01),
+        cycle=np.zeros(n, dtype=int),
+        gyro=1e-4 * rng.standard_normal((n, 3)),
+        accel=force @ (np.eye(3) + GAMMA).T + BIAS + slope + 3e-3 * rng.standard_normal((n, 3)),
+        temp_c=np.column_stack([temp] * 3),
+        facts=RigFacts(site=Site(lat_rad=float(np.deg2rad(50.0)))),
+    )
+    write_rig_run(run, folder / "rig.csv")
+    return folder / "rig.csv"
+
+
+def test_a_plain_log_in_counts(tmp_path, capsys):
+    path = log_file(tmp_path)
+    given = ("--columns", "2,3,4", "--gravity", G, "--time-column", "1")
+    out, report = tmp_path / "triad.json", tmp_path / "report"
+    call(path, *given, "--out", out, "--report", report, "--json")
+    document = json.loads(capsys.readouterr().out)
+    values = np.array([document["parameters"][n]["value"] for n in document["names"]])
+    e = values - COUNTS
+    # F(9, 9) at p = 0.001 is 10.1
+    assert e @ np.linalg.solve(np.array(document["covariance"]), e) / 9 < 10.1
+    assert document["parameters"]["bias_x"]["unit"] == "count"
+    assert document["rms_after_m_s2"] < 0.1 * document["rms_before_m_s2"]
+    assert len(document["positions"]) == 18
+    assert json.loads(out.read_text(encoding="utf-8"))["matrix"] == document["matrix"]
+    assert (report / "triad.png").read_bytes().startswith(b"\x89PNG")
+    assert "triad.png" in (report / "report.html").read_text(encoding="utf-8")
+
+
+def test_the_formula_in_the_result_is_how_it_is_applied(tmp_path, capsys):
+    path = log_file(tmp_path)
+    call(path, "--columns", "2,3,4", "--gravity", G, "--rate-hz", "100", "--json")
+    document = json.loads(capsys.readouterr().out)
+    raw = np.loadtxt(path)[:, 1:]
+    first, last = (document["positions"][0][k] for k in ("first_row", "last_row"))
+    mean = raw[first - 1 : last].mean(axis=0)
+    force = np.array(document["matrix"]) @ (mean - np.array(document["bias"]))
+    residual = document["positions"][0]["residual_m_s2"]
+    assert np.linalg.norm(force) - G == pytest.approx(residual, abs=1e-9)
+
+
+def test_a_rig_run_gives_the_errors_of_the_contract(tmp_path, capsys):
+    """Its gravity is another than the site's: the forces were made with that of the example."""
+    call(rig_file(tmp_path), "--gravity", G, "--json")
+    document = json.loads(capsys.readouterr().out)
+    truth = {
+        "accel_bias_x": BIAS[0],
+        "accel_scale_y": GAMMA[1, 1],
+        "accel_misalignment_zy": GAMMA[2, 1],
+    }
+    for name, value in truth.items():
+        found = document["errors"][name]
+        assert abs(found["value"] - value) < 5 * found["sigma"]
+        assert found["sigma"] < 2e-3
+
+
+def test_slopes_over_temperature(tmp_path, capsys):
+    call(rig_file(tmp_path, warm=True), "--gravity", G, "--temperature", "--json")
+    found = json.loads(capsys.readouterr().out)["parameters"]["bias_t_y"]
+    assert abs(found["value"] - 1e-3) < 5 * found["sigma"]
+    assert found["unit"] == "m/s2/°C"
+
+
+def test_text_for_people(tmp_path, capsys):
+    call(rig_file(tmp_path))
+    text = capsys.readouterr().out
+    assert "20 positions at rest" in text
+    assert "f = T·K·(a − b)" in text
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--columns", "2,3,4"), "needs --gravity"),
+        (("--columns", "2,3", "--gravity", "9.8"), "expected three"),
+        (("--columns", "2,3,4", "--gravity", "9.8"), "either --rate-hz or --time-column"),
+        (("--columns", "2,3,4", "--gravity", "1", "--rate-hz", "9"), r"expected 9\.7 to 9\.9"),
+        (("--columns", "2,3,4", "--gravity", "9.8", "--rate-hz", "0"), "expected 1 to 100000"),
+        (("--rate-hz", "100"), "belong to --columns"),
+    ],
+)
+def test_misuse_is_told(tmp_path, arguments, words):
+    with pytest.raises(click.UsageError, match=words):
+        call(log_file(tmp_path), *arguments)
+
+
+def test_too_few_rests_write_nothing(tmp_path):
+    raw, _ = recording(seed=1, positions=7)
+    path = tmp_path / "log.txt"
+    np.savetxt(path, raw)
+    given = ("--columns", "1,2,3", "--gravity", G, "--rate-hz", "100")
+    with pytest.raises(InputError, match="7 rests of 1 s or more found in 40 s, expected 9"):
+        call(path, *given, "--out", tmp_path / "o.json", "--report", tmp_path / "report")
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["log.txt"]
+
+
+def test_the_input_is_never_written_over(tmp_path):
+    path = log_file(tmp_path)
+    before = path.read_bytes()
+    with pytest.raises(InputError, match="is an input"):
+        call(path, "--columns", "2,3,4", "--gravity", G, "--rate-hz", "100", "--out", path)
+    assert path.read_bytes() == before

@@ -1,0 +1,125 @@
+"""Experiments that tell effects apart, as sequences that `run` takes."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from thermo.inputs import Channel
+from thermo.sequence import (
+    Accelerometer,
+    Hold,
+    Positions,
+    Ramp,
+    Rest,
+    Sampling,
+    Sequence,
+    TemperatureProgramme,
+)
+
+EVERY_45 = (0.0, 45.0, 90.0, 135.0, 180.0, 225.0, 270.0, 315.0)
+DWELL_READINGS = 6
+SOAK_MIN = 30.0
+# What a bench chamber does without effort, °C and °C/min.
+COLDEST_C, HOTTEST_C, SLOWEST, FASTEST = -40.0, 70.0, 0.2, 3.0
+Segment = Hold | Ramp
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Item:
+    """One experiment of the menu: what it does in words, and the sequence."""
+
+    text: str
+    sequence: Sequence
+
+
+def menu(channel: Channel) -> Iterator[Item]:
+    """Yield the experiments that an accelerometer's runs suggest, the shortest kinds first.
+
+    They stay within the temperatures recorded, and within what a bench chamber does.
+    """
+    lo, hi = _range(channel)
+    rate = _usual_rate(channel)
+    slow, fast = (float(np.clip(rate * f, SLOWEST, FASTEST)) for f in (0.5, 2.0))
+    middle, quarter = 0.5 * (lo + hi), lo + 0.25 * (hi - lo)
+    up_down = [_ramp(hi, rate), _hold(SOAK_MIN), _ramp(lo, rate)]
+    yield Item(
+        text=f"a run at {rate:g} °C/min with positions every 45° in random order",
+        sequence=_sequence(channel, "45 degrees in random order", lo, up_down, 1, 0.0),
+    )
+    two_rates = [
+        *(_ramp(hi, fast), _hold(SOAK_MIN), _ramp(lo, fast), _hold(SOAK_MIN)),
+        *(_ramp(hi, slow), _hold(SOAK_MIN), _ramp(lo, slow)),
+    ]
+    yield Item(
+        text=f"a run with ramps at {fast:g} and {slow:g} °C/min, positions every 45° in random "
+        "order",
+        sequence=_sequence(channel, "two ramp rates", lo, two_rates, 1, 0.0),
+    )
+    stair = [
+        step
+        for to_c in (*np.linspace(lo, hi, 5)[1:], *np.linspace(hi, lo, 5)[1:])
+        for step in (_ramp(float(to_c), fast), _hold(40.0))
+    ]
+    yield Item(
+        text=f"a stair of four steps up and down at {fast:g} °C/min with holds of 40 min",
+        sequence=_sequence(channel, "stair with holds", lo, stair, 1, 0.0),
+    )
+    inner = [
+        *(_ramp(middle, rate), _ramp(quarter, rate), _ramp(hi, rate), _hold(SOAK_MIN)),
+        *(_ramp(middle, rate), _ramp(hi, rate), _ramp(lo, rate), _hold(SOAK_MIN)),
+    ]
+    yield Item(
+        text=f"inner loops that turn back half way, at {rate:g} °C/min",
+        sequence=_sequence(channel, "inner loops", lo, inner, 1, 0.0),
+    )
+    yield Item(
+        text=f"the run at {rate:g} °C/min four times with rests of 6 h between",
+        sequence=_sequence(channel, "repeats after rests", lo, up_down, 4, 6.0),
+    )
+
+
+def _range(channel: Channel) -> tuple[float, float]:
+    lo = max(COLDEST_C, float(round(float(channel.temp_c.min()))))
+    hi = min(HOTTEST_C, float(round(float(channel.temp_c.max()))))
+    return (lo, hi) if hi - lo > 5.0 else (lo, lo + 40.0)
+
+
+def _usual_rate(channel: Channel) -> float:
+    rate = np.abs(channel.record["rate_c_per_min"][channel.direction != 0])
+    usual = float(np.median(rate)) if rate.size else 1.0
+    return float(np.clip(np.round(usual, 1), SLOWEST, FASTEST))
+
+
+def _ramp(to_c: float, rate: float) -> Ramp:
+    return Ramp(kind="ramp", to_c=to_c, rate_c_per_min=rate)
+
+
+def _hold(minutes: float) -> Hold:
+    return Hold(kind="hold", duration_min=minutes)
+
+
+def _sequence(
+    channel: Channel, name: str, lo: float, segments: list[Segment], repeats: int, rest_h: float
+) -> Sequence:
+    return Sequence(
+        name=name,
+        accelerometers=(
+            Accelerometer(serial=channel.serial, nominal_scale=abs(channel.nominal_scale)),
+        ),
+        temperature=TemperatureProgramme(
+            start_c=lo,
+            start_soak_min=SOAK_MIN,
+            segments=(_hold(SOAK_MIN), *segments, _hold(SOAK_MIN)),
+            repeats=repeats,
+            rest_h=rest_h,
+            rest=Rest(),
+        ),
+        positions=Positions(
+            angles_deg=EVERY_45,
+            order="random",
+            seed=1,
+            readings_per_position=DWELL_READINGS,
+        ),
+        sampling=Sampling(period_s=10.0, settle_s=0.5),
+    )

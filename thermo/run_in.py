@@ -1,0 +1,221 @@
+"""Run-in: whether an accelerometer has settled, and how many cycles it still needs.
+
+The rule is a sequential test. After each cycle the future of K0 and K1 is inferred
+(`thermo.relaxation`) and the accelerometer has settled when, with the confidence asked for, none of
+them will ever again change by more than its limit. A posterior probability may be looked at as
+often as one likes: the risk of stopping is the one stated at the stop, however many looks came
+before.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+from errormodel.arrays import FloatArray, IntArray
+from thermo.relaxation import HORIZON, Draws, Law, Series, weigh
+
+DRAWS = 4000  # a probability of 0.95 is then known to 0.0035
+SEED = 1  # the same estimates always give the same verdict
+MIN_CYCLES = 3
+# Mistaking a slow law for the exponential one stops too early, the opposite too late: in doubt,
+# which is up to odds of e, the slow one is taken.
+IN_DOUBT = 1.0
+EXCLUDED = 3.0  # a law is excluded at odds of 20, of which this is the logarithm
+# So many cycles at either end make the instability before and after, fewer when there are fewer.
+WINDOW = 4
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Spread:
+    """Standard deviation between runs, with its 95 % limits for so few of them."""
+
+    sigma: float
+    ci95: tuple[float, float]
+    runs: int
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Relaxation:
+    """One coefficient's way: the estimates, the fit, and how unsteady it was before and after.
+
+    `kappa`, `amplitude`, `final` and `remaining` are median and standard deviation; `remaining` is
+    the change still to come after the last cycle. `before` and `after` are None with fewer than
+    four cycles. `estimate_sigma` is what the estimates at the end are themselves known to
+    (median): an instability of that size is noise.
+    """
+
+    series: Series
+    draws: Draws
+    kappa: tuple[float, float]
+    amplitude: tuple[float, float]
+    final: tuple[float, float]
+    remaining: tuple[float, float]
+    before: Spread | None
+    after: Spread | None
+    estimate_sigma: float
+    cycles_needed: tuple[int, int | None]
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class RunInVerdict:
+    """What is known of one accelerometer's run-in after its last cycle.
+
+    Attributes
+    ----------
+    serial : str
+    cycles : int
+    law : {"exponential", "hyperbolic"}
+        The law judged by: the exponential one where the estimates support it better at odds of
+        e at least (`IN_DOUBT`).
+    log_evidence_ratio : float
+        Natural logarithm of the hyperbolic law's evidence over the exponential one's.
+    other_law_needs : (int, int or None) or None
+        `cycles_needed` under the other law; None when the estimates exclude that one.
+    coefficients : tuple of Relaxation
+    settled_probability : float
+        That no coefficient will again change by more than its limit.
+    confidence : float
+    settled : bool
+        Whether `settled_probability` reaches `confidence`.
+    cycles_needed : (int, int or None)
+        Fewer than the first or more than the second are needed with a probability of at most
+        1 − `confidence` each, under `law`; while that is the slow one and the exponential one is
+        not excluded, the first is that of the latter. None: more than
+        `thermo.relaxation.HORIZON`.
+    """
+
+    serial: str
+    cycles: int
+    law: Law
+    log_evidence_ratio: float
+    other_law_needs: tuple[int, int | None] | None
+    coefficients: tuple[Relaxation, ...]
+    settled_probability: float
+    confidence: float
+    settled: bool
+    cycles_needed: tuple[int, int | None]
+
+    @property
+    def sentence(self) -> str:
+        """The verdict in one line."""
+        risk = 100 * (1 - self.confidence)
+        if self.settled:
+            what = f"settled after {self.cycles} cycles: no further change above the limits"
+            left = max(1 - self.settled_probability, 1 / DRAWS)  # no draw tells of a smaller one
+            return f"{self.serial}: {what}, risk {100 * left:.2g} %"
+        return (
+            f"{self.serial}: not settled after {self.cycles} cycles; cycles still needed: "
+            f"{needed_text(self.cycles_needed)} (risk {risk:.2g} % on either side)"
+        )
+
+
+def judge_run_in(
+    serial: str, series: Sequence[Series], *, confidence: float = 0.95, window: int = WINDOW
+) -> RunInVerdict:
+    """Judge one accelerometer's run-in from its estimates of every cycle.
+
+    Parameters
+    ----------
+    serial : str
+    series : sequence of Series
+        K0 and K1, or K0 alone; of one length.
+    confidence : float
+        That the verdict "settled" is right.
+    window : int
+        Cycles at either end that make the instability before and after.
+
+    Returns
+    -------
+    RunInVerdict
+
+    Raises
+    ------
+    ValueError
+        If the series are none or differ in length, or the confidence is not within 0.5…1.
+    """
+    lengths = {one.values.size for one in series}
+    if len(lengths) != 1 or not 0.5 < confidence < 1:
+        raise ValueError(f"series of {sorted(lengths)} cycles, confidence {confidence}")
+    exponential, hyperbolic = weigh(series, "exponential"), weigh(series, "hyperbolic")
+    ratio = hyperbolic.log_evidence - exponential.log_evidence
+    slow = ratio > -IN_DOUBT
+    better, other = (hyperbolic, exponential) if slow else (exponential, hyperbolic)
+    draws = better.draw(DRAWS, np.random.default_rng(SEED))
+    needed = _of_all(draws)
+    probability = float(np.count_nonzero(needed == 0) / needed.size)
+    open_question = abs(ratio) < EXCLUDED
+    rest = other.draw(DRAWS, np.random.default_rng(SEED)) if open_question else ()
+    other_needs = _interval(_of_all(rest), confidence) if rest else None
+    low, high = _interval(needed, confidence)
+    if other_needs is not None and better is hyperbolic:
+        low = min(low, other_needs[0])
+    return RunInVerdict(
+        serial=serial,
+        cycles=lengths.pop(),
+        law=better.law,
+        log_evidence_ratio=ratio,
+        other_law_needs=other_needs,
+        coefficients=tuple(
+            _relaxation(s, d, confidence, window) for s, d in zip(series, draws, strict=True)
+        ),
+        settled_probability=probability,
+        confidence=confidence,
+        settled=probability >= confidence,
+        cycles_needed=(low, high),
+    )
+
+
+def needed_text(needed: tuple[int, int | None]) -> str:
+    """Write how many cycles are still needed."""
+    low, high = needed
+    if high is None:
+        return f"more than {low}" if low == HORIZON else f"{low} to more than {HORIZON}"
+    return f"{low}" if low == high else f"{low} to {high}"
+
+
+def _of_all(draws: Sequence[Draws]) -> IntArray:
+    """Return the cycles needed until the last of the coefficients has settled, shape (m,)."""
+    return np.vstack([one.needed for one in draws]).max(axis=0)
+
+
+def _interval(needed: IntArray, confidence: float) -> tuple[int, int | None]:
+    """Return the cycles that are too few, and enough, with the risk 1 − confidence each."""
+    ordered = np.sort(needed)
+    last = ordered.size - 1
+    low = min(int(ordered[int(np.floor((1 - confidence) * last))]), HORIZON)
+    high = int(ordered[min(last, int(np.ceil(confidence * ordered.size)) - 1)])
+    return low, (high if high <= HORIZON else None)
+
+
+def _relaxation(series: Series, draws: Draws, confidence: float, window: int) -> Relaxation:
+    count = min(window, series.values.size // 2)
+    enough = count >= 2
+    return Relaxation(
+        series=series,
+        draws=draws,
+        kappa=_summary(draws.kappa),
+        amplitude=_summary(draws.amplitude),
+        final=_summary(draws.final),
+        remaining=_summary(draws.future[:, -1]),
+        before=spread_of(series.values[:count]) if enough else None,
+        after=spread_of(series.values[-count:]) if enough else None,
+        estimate_sigma=float(np.median(series.sigmas[-max(count, 1) :])),
+        cycles_needed=_interval(draws.needed, confidence),
+    )
+
+
+def _summary(values: FloatArray) -> tuple[float, float]:
+    return float(np.median(values)), float(np.std(values))
+
+
+def spread_of(values: FloatArray) -> Spread:
+    """Return the standard deviation of two or more runs, with limits that hold for so few.
+
+    The limits are those of χ² for independent normal values; a trend within them makes σ larger.
+    """
+    dof = values.size - 1
+    sigma = float(np.std(values, ddof=1))
+    low, high = (sigma * float(np.sqrt(dof / stats.chi2.ppf(p, dof))) for p in (0.975, 0.025))
+    return Spread(sigma=sigma, ci95=(low, high), runs=values.size)

@@ -1,0 +1,128 @@
+"""`accelbench discrepancy`: find, name, add and verify the effect that a model lacks."""
+
+from pathlib import Path
+
+import click
+
+from errormodel.atomic import write_files
+from thermo.discrepancy import Discrepancy, find_discrepancy
+from thermo.effects_user import load_effects
+from thermo.fitting import TermsFile, fit_runs, read_terms
+from thermo.modelfile import dump_model, make_model_file, read_model
+from thermo.recording import RecordedRuns, read_runs
+from thermo.sequence import sequence_toml
+from thermo.terms_file import terms_toml
+from workbench.console import emit
+from workbench.discrepancy_output import discrepancy_document, discrepancy_text
+from workbench.outputs import (
+    REPORT_NAME,
+    checked_output,
+    force_option,
+    json_option,
+    with_sidecars,
+)
+
+
+@click.command()
+@click.argument("kind", type=click.Choice(["thermal"]), metavar="thermal")
+@click.argument("files", nargs=-1, required=True, metavar="RUN.csv…", type=Path)
+@click.option("--model", type=Path, help="The present model: TERMS.toml, or MODEL.json of a fit.")
+@click.option("--effects", type=Path, help="A file of effects of your own.")
+@click.option("--out", type=Path, help="MODEL.toml, the larger model; MODEL.json beside it.")
+@click.option("--report", type=Path, help="Folder for the report and its figures.")
+@click.option("--experiment-out", type=Path, help="SEQUENCE.toml of the experiment proposed.")
+@click.option("--seed", type=int, default=1, help="Of the simulated nulls.")
+@force_option
+@json_option
+def discrepancy(
+    kind: str,
+    files: tuple[Path, ...],
+    model: Path | None,
+    effects: Path | None,
+    out: Path | None,
+    report: Path | None,
+    experiment_out: Path | None,
+    seed: int,
+    force: bool,
+    as_json: bool,
+) -> None:
+    """Find where runs and model disagree, and name the effect that is missing.
+
+    Without --model the present model is k0 and k1, each quadratic in temperature. In Python:
+    thermo.discrepancy.find_discrepancy.
+    """
+    del kind  # one kind so far
+    inputs = [*with_sidecars(list(files)), *(p for p in (model, effects) if p)]
+    for path in (p for p in (out, experiment_out) if p):
+        checked_output(path, inputs, force=force)
+    if out is not None and out.suffix == ".toml":
+        checked_output(out.with_suffix(".json"), inputs, force=force)
+    if report is not None and report.is_dir():
+        checked_output(report / REPORT_NAME, [], force=force)
+    library = load_effects(effects)
+    runs = read_runs(list(files))
+    found = find_discrepancy(runs, model=_present(model), effects=library, seed=seed, tell=_tell)
+    document, text = discrepancy_document(found), list(discrepancy_text(found))
+    written: list[tuple[Path, bytes]] = []
+    if out is not None:
+        written += _model_files(runs, found, out)
+        document["out"] = str(out)
+        text.append(f"larger model: {out}")
+    if experiment_out is not None:
+        written += _experiment_file(found, experiment_out)
+        document["experiment_out"] = str(experiment_out) if written else None
+    if report is not None:
+        written += _report_files(found, runs, report)
+        document["report"] = str(report / REPORT_NAME)
+        text.append(f"report: {report / REPORT_NAME}")
+    write_files(written)
+    emit(document, text, as_json=as_json)
+
+
+def _tell(line: str) -> None:
+    click.echo(line, err=True)
+
+
+def _present(path: Path | None) -> TermsFile | None:
+    """Read the present model: a list of terms, or the terms of a fitted model."""
+    if path is None:
+        return None
+    if path.suffix.lower() != ".json":
+        return read_terms(path)
+    first = read_model(path).accelerometers[0]
+    return TermsFile(terms=first.terms, t_ref_c=first.t_ref_c)
+
+
+def _larger(d: Discrepancy) -> TermsFile:
+    names = tuple(t.name for t in d.after.model.terms)
+    start = {p.name: d.after.values[p.name] for p in d.after.model.parameters}
+    return TermsFile(terms=names, t_ref_c=d.t_ref_c, start=start)
+
+
+def _model_files(
+    runs: RecordedRuns, found: tuple[Discrepancy, ...], out: Path
+) -> list[tuple[Path, bytes]]:
+    """Return the larger model: its terms for `fit`, and the fitted file for `compensate`."""
+    fits = [one for d in found for one in fit_runs(runs.select(serial=d.serial), terms=_larger(d))]
+    fitted = dump_model(make_model_file(fits)).encode()
+    if out.suffix.lower() == ".json":
+        return [(out, fitted)]
+    text = terms_toml(_larger(found[0]), [t.sentence for t in found[0].after.model.terms])
+    return [(out, text.encode()), (out.with_suffix(".json"), fitted)]
+
+
+def _experiment_file(found: tuple[Discrepancy, ...], path: Path) -> list[tuple[Path, bytes]]:
+    proposed = [d.experiment for d in found if d.experiment and d.experiment.sequence]
+    if not proposed or proposed[0].sequence is None:
+        return []
+    head = "".join(f"# {line}\n" for line in proposed[0].text.split("\n"))
+    return [(path, (head + sequence_toml(proposed[0].sequence)).encode())]
+
+
+def _report_files(
+    found: tuple[Discrepancy, ...], runs: RecordedRuns, folder: Path
+) -> list[tuple[Path, bytes]]:
+    from workbench.discrepancy_report import render_discrepancy  # matplotlib takes its second
+
+    pages = render_discrepancy(found, runs)
+    return [(folder / name, content) for name, content in pages.items()]

@@ -1,0 +1,158 @@
+"""`accelbench rig flight`: what calibrations are worth in metres after an hour of flight."""
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+
+from errormodel.atomic import write_files
+from sinscal.earth import DEG_PER_H
+from sinscal.flight import FlightCovariance, SensorNoise, assess, flight_sensitivity
+from sinscal.flight_monte_carlo import Agreement, agreement, fly_runs
+from sinscal.residual_errors import Calibration
+from sinscal.trajectory import FlightPlan
+from workbench.console import emit
+from workbench.figures_flight import draw_flight
+from workbench.flight_output import (
+    FlownCalibration,
+    flight_document,
+    flight_text,
+    read_calibrations,
+)
+from workbench.outputs import checked_output, force_option, json_option
+
+FAILED = 1
+EVERY_S = 10.0
+REPORT_FILES = ("flight-error.png", "flight-trajectory.png")
+POSITIVE = click.FloatRange(min=0.0, min_open=True)
+NOT_NEGATIVE = click.FloatRange(min=0.0)
+
+
+@click.command()
+@click.option(
+    "--calibration",
+    "files",
+    type=Path,
+    multiple=True,
+    metavar="FILE.json",
+    help="What rig calibrate or rig covariance wrote; the article's sigmas if not given.",
+)
+@click.option(
+    "--trajectory",
+    type=click.Choice(["straight", "snake"]),
+    default="snake",
+    show_default=True,
+    help="Straight, or with a heading that swings.",
+)
+@click.option("--speed-m-s", type=POSITIVE, default=200.0, help="Cruising speed.")
+@click.option("--amplitude-m", type=NOT_NEGATIVE, default=3300.0, help="Half the snake's width.")
+@click.option("--period-s", type=POSITIVE, default=300.0, help="The snake's period.")
+@click.option("--duration-s", type=click.FloatRange(min=60.0), default=3600.0, help="Of flight.")
+@click.option("--latitude-deg", type=click.FloatRange(-85, 85), default=55.75, help="Of the start.")
+@click.option("--heading-deg", type=float, default=90.0, help="Mean heading from north clockwise.")
+@click.option("--height-m", type=click.FloatRange(-1e3, 5e4), default=0.0, help="Kept throughout.")
+@click.option("--flat", is_flag=True, help="Turn without banking.")
+@click.option("--takeoff-s", type=NOT_NEGATIVE, default=100.0, help="Run from rest; 0: in the air.")
+@click.option("--alignment-s", type=NOT_NEGATIVE, default=600.0, help="0: none of its noise.")
+@click.option("--gyro-noise-deg-h-rthz", type=NOT_NEGATIVE, default=0.1, help="White noise.")
+@click.option("--accel-noise-m-s2-rthz", type=NOT_NEGATIVE, default=0.001, help="White noise.")
+@click.option(
+    "--monte-carlo",
+    "runs",
+    type=click.IntRange(min=0),
+    default=0,
+    metavar="N",
+    help="Fly N runs of the full navigator and hold them against the covariance.",
+)
+@click.option("--seed", type=click.IntRange(min=0), default=0, help="Of the Monte Carlo.")
+@click.option("--report", type=Path, help="Folder for the pictures.")
+@force_option
+@json_option
+def flight(
+    files: tuple[Path, ...], report: Path | None, force: bool, as_json: bool, **given: Any
+) -> int:
+    """Say what calibrations are worth in flight: position error of autonomous navigation.
+
+    The system is aligned at rest, takes off and navigates by itself; its errors are those that
+    calibration left, and the sensors' noise. In Python: sinscal.flight.
+    """
+    if report is not None:
+        for name in REPORT_FILES:
+            _check_report(report / name, force=force)
+    calibrations = read_calibrations(files)
+    plan, noise = _plan(given), _noise(given)
+    flown = [
+        _fly(name, one, plan, noise, runs=given["runs"], seed=given["seed"])
+        for name, one in calibrations
+    ]
+    if report is not None:
+        report.mkdir(parents=True, exist_ok=True)
+        pictures = draw_flight(plan, flown, REPORT_FILES)
+        write_files([(report / p.name, p.png) for p in pictures])
+    document = flight_document(plan, noise, flown)
+    emit(document, flight_text(plan, noise, flown), as_json=as_json)
+    agrees = all(one.agreement is None or one.agreement.agrees for one in flown)
+    return 0 if agrees else FAILED
+
+
+def _check_report(path: Path, *, force: bool) -> None:
+    folder = path.parent
+    if folder.exists() and not folder.is_dir():
+        raise click.UsageError(f"--report {folder}: is a file, expected a folder")
+    if folder.is_dir():
+        checked_output(path, [], force=force)
+
+
+def _plan(given: dict[str, Any]) -> FlightPlan:
+    straight = given["trajectory"] == "straight"
+    try:
+        return FlightPlan(
+            speed_m_s=given["speed_m_s"],
+            heading_rad=math.radians(given["heading_deg"]),
+            duration_s=given["duration_s"],
+            latitude_rad=math.radians(given["latitude_deg"]),
+            height_m=given["height_m"],
+            amplitude_m=0.0 if straight else given["amplitude_m"],
+            period_s=given["period_s"],
+            banked=not given["flat"],
+            takeoff_s=given["takeoff_s"],
+        )
+    except ValueError as err:
+        raise click.UsageError(str(err)) from err
+
+
+def _noise(given: dict[str, Any]) -> SensorNoise:
+    try:
+        return SensorNoise(
+            gyro=given["gyro_noise_deg_h_rthz"] * DEG_PER_H,
+            accel=given["accel_noise_m_s2_rthz"],
+            alignment_s=given["alignment_s"],
+        )
+    except ValueError as err:
+        raise click.UsageError(str(err)) from err
+
+
+def _fly(
+    name: str, one: Calibration, plan: FlightPlan, noise: SensorNoise, *, runs: int, seed: int
+) -> FlownCalibration:
+    def covariance(noise: SensorNoise) -> FlightCovariance:
+        found = flight_sensitivity(plan, one.names, noise=noise, every_s=EVERY_S)
+        return assess(found, one)
+
+    whole = covariance(noise)
+    held: Agreement | None = None
+    if runs:
+        told = _teller(name)
+        flown = fly_runs(plan, one, runs, noise=noise, seed=seed, every_s=EVERY_S, progress=told)
+        held = agreement(flown, whole)
+    return FlownCalibration(name=name, found=whole, alone=covariance(SensorNoise()), agreement=held)
+
+
+def _teller(name: str) -> Callable[[int, int], None]:
+    def tell(done: int, of: int) -> None:
+        if done % max(1, of // 10) == 0:
+            click.echo(f"{name}: {done} of {of} runs flown", err=True)
+
+    return tell

@@ -1,0 +1,114 @@
+"""`accelbench rig triad`: an accelerometer triad from rests in many positions."""
+
+import json
+from pathlib import Path
+from typing import get_args
+
+import click
+
+from errormodel.atomic import write_files
+from errormodel.tables import sidecar_path
+from sinscal.rest_calibration import Rests, Unit, calibrate_at_rest, rests_of_log, rests_of_run
+from workbench.console import emit
+from workbench.outputs import (
+    REPORT_NAME,
+    check_report_folder,
+    checked_output,
+    force_option,
+    json_option,
+)
+from workbench.triad_output import render_triad, triad_document, triad_text
+
+
+@click.command()
+@click.argument("file", type=Path)
+@click.option("--columns", metavar="X,Y,Z", help="Of a plain log: numbers from 1, or names.")
+@click.option("--gravity", type=float, help="m/s²; of a rig run that of its site if not given.")
+@click.option("--rate-hz", type=float, help="Rows a second of a plain log.")
+@click.option("--time-column", metavar="COLUMN", help="Of a plain log, s; in place of the rate.")
+@click.option(
+    "--unit", type=click.Choice(get_args(Unit)), default="count", help="Of a plain log's readings."
+)
+@click.option(
+    "--form",
+    type=click.Choice(["lower", "upper"]),
+    default="lower",
+    help="Triangle of the misalignments.",
+)
+@click.option("--temperature", is_flag=True, help="Fit slopes over the temperature of a rig run.")
+@click.option("--out", type=Path, help="JSON file to write.")
+@click.option("--report", type=Path, help="Folder for the report and its figure.")
+@force_option
+@json_option
+def triad(
+    file: Path,
+    columns: str | None,
+    gravity: float | None,
+    rate_hz: float | None,
+    time_column: str | None,
+    unit: Unit,
+    form: str,
+    temperature: bool,
+    out: Path | None,
+    report: Path | None,
+    force: bool,
+    as_json: bool,
+) -> None:
+    """Calibrate an accelerometer triad from rests in many positions.
+
+    FILE is a recorded rig run, or with --columns and --gravity any delimited log. In Python:
+    sinscal.rest_calibration.calibrate_at_rest.
+    """
+    if out is not None:
+        checked_output(out, [file, sidecar_path(file)], force=force)
+    if report is not None:
+        check_report_folder(report, force=force)
+    rests = _rests(file, columns, gravity, rate_hz, time_column, unit)
+    done = calibrate_at_rest(
+        rests, gauge="upper" if form == "upper" else "lower", with_temperature=temperature
+    )
+    document, text = triad_document(done), list(triad_text(done))
+    written: list[tuple[Path, bytes]] = []
+    if out is not None:
+        written.append((out, (json.dumps(document, indent=2) + "\n").encode()))
+        document["out"] = str(out)
+        text.append(f"written: {out}")
+    if report is not None:
+        written += [(report / name, content) for name, content in render_triad(done).items()]
+        document["report"] = str(report / REPORT_NAME)
+        text.append(f"report: {report / REPORT_NAME}")
+    write_files(written)
+    emit(document, text, as_json=as_json)
+
+
+def _rests(
+    file: Path,
+    columns: str | None,
+    gravity: float | None,
+    rate_hz: float | None,
+    time_column: str | None,
+    unit: Unit,
+) -> Rests:
+    if gravity is not None and not 9.7 < gravity < 9.9:
+        raise click.UsageError(f"--gravity {gravity:g}: expected 9.7 to 9.9 m/s²")
+    if columns is None:
+        if rate_hz is not None or time_column is not None:
+            raise click.UsageError("--rate-hz and --time-column belong to --columns")
+        return rests_of_run(file, gravity)
+    names = tuple(name.strip() for name in columns.split(","))
+    if len(names) != 3:
+        raise click.UsageError(f"--columns {columns}: expected three, like 2,3,4")
+    if gravity is None:
+        raise click.UsageError("--columns needs --gravity, m/s²")
+    if (rate_hz is None) == (time_column is None):
+        raise click.UsageError("--columns needs either --rate-hz or --time-column")
+    if rate_hz is not None and not 1.0 <= rate_hz <= 1e5:
+        raise click.UsageError(f"--rate-hz {rate_hz:g}: expected 1 to 100000")
+    return rests_of_log(
+        file,
+        (names[0], names[1], names[2]),
+        gravity_m_s2=gravity,
+        step_s=None if rate_hz is None else 1.0 / rate_hz,
+        time_column=time_column,
+        unit=unit,
+    )

@@ -1,0 +1,102 @@
+"""The report of a verdict: one page a metrologist would sign, and its figures."""
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from thermo.discrepancy import Discrepancy
+from thermo.recording import RecordedRuns
+from thermo.smallest import smallest_nameable
+from workbench.console import number
+from workbench.discrepancy_output import VERDICT_WORDS, verdict_lines
+from workbench.figures_discrepancy import draw_factor, draw_gap
+from workbench.fit_output import value_and_sigma
+from workbench.outputs import REPORT_NAME
+from workbench.page import embedded, rendered
+from workbench.plotting import Picture
+
+CONVENTIONS = (
+    "Strength is the whitened size of an effect beside everything else in the model: how many of "
+    "its own sigmas it has. From seven on it can be named.",
+    "p is the probability that noise alone gives as much to any effect of the library; its law "
+    "comes from simulated runs, each with the noise estimated anew.",
+    "Effects within nine of the best in twice the log-likelihood cannot be told apart.",
+    "Held out: each run is predicted from the others, the choice of effect repeated without it.",
+    "Noise alone is what a run that was not fitted would leave if nothing were missing.",
+)
+
+
+def render_discrepancy(found: Sequence[Discrepancy], runs: RecordedRuns) -> dict[str, bytes]:
+    """Return a report's files by name, without writing any.
+
+    Parameters
+    ----------
+    found : sequence of Discrepancy
+    runs : RecordedRuns
+        What they were found in.
+
+    Returns
+    -------
+    dict of str to bytes
+    """
+    drawn = {d.serial: [draw_factor(d), draw_gap(d)] for d in found}
+    html = rendered(
+        "discrepancy.html.j2",
+        title=f"What is missing from the model of {', '.join(d.serial for d in found):.80}",
+        runs=list(runs.run_ids),
+        pages=[_page(d, drawn[d.serial]) for d in found],
+        conventions=CONVENTIONS,
+    )
+    pictures = {p.name: p.png for many in drawn.values() for p in many}
+    return {REPORT_NAME: html.encode(), **pictures}
+
+
+def _page(d: Discrepancy, drawn: Sequence[Picture]) -> dict[str, Any]:
+    return {
+        "serial": d.serial,
+        "verdict": VERDICT_WORDS[d.verdict],
+        "lines": list(verdict_lines(d)),
+        "effects": [
+            (e.name, name, value_and_sigma(p.value, p.sigma), p.unit)
+            for e in d.effects
+            for name, p in e.parameters.items()
+        ],
+        "figures": [embedded(p) for p in drawn],
+        "rivals": list(_rivals(d)),
+        "noise": _noise(d),
+    }
+
+
+def _rivals(d: Discrepancy) -> Iterator[tuple[str, str, str, str]]:
+    """Yield every effect of the library with how it was judged."""
+    smallest = smallest_nameable(d)
+    below = dict(d.result.slots[0].rivals) if d.effects else {}
+    alias = {n for s in d.alias_sets for n in s}
+    named = {e.name for e in d.effects}
+    for effect in d.source.effects:
+        name = effect.name
+        least = smallest.get(name)
+        size = f"{number(least.value, 2)} {least.unit}" if least else "–"
+        if name in named:
+            judged = "named"
+        elif name in alias:
+            judged = "cannot be told from the one named"
+        elif name in d.invisible:
+            judged = "cannot be seen in these runs"
+        elif d.source.holds(effect):
+            judged = "in the present model"
+        else:
+            judged = "excluded" if d.effects else "not called for"
+        yield name, number(below.get(name), 3), judged, size
+
+
+def _noise(d: Discrepancy) -> str:
+    shape, sigma = d.floor.shape, d.floor.sigma
+    text = f"{number(sigma, 3)} µg white in a block mean"
+    if shape.family == "white":
+        return text
+    slow = ", ".join(
+        f"{number(sigma * v**0.5, 3)} µg over {number(t / 3600, 2)} h"
+        for v, t in zip(shape.variance, shape.tau_s, strict=True)
+    )
+    words = {"drift": "drift", "walk": "a random walk, as", "flicker": "flicker noise, as"}
+    return f"{text}, and {words[shape.family]} {slow}"

@@ -1,0 +1,130 @@
+"""The pictures of a verdict: the residual over the factor that shows it, and the gap run by run."""
+
+from typing import Any
+
+import numpy as np
+
+from errormodel.arrays import FloatArray
+from thermo.discrepancy import Discrepancy
+from thermo.inputs import COOLING, HEATING
+from workbench.console import number
+from workbench.plotting import (
+    COLOURS,
+    COOLING_COLOUR,
+    HEATING_COLOUR,
+    Picture,
+    cell_means,
+    dress,
+    file_part,
+    legend_below,
+    new_figure,
+    picture,
+    thinned,
+    unit_of,
+)
+
+CELLS = 40
+AXIS = {
+    "temperature": "temperature, °C",
+    "direction": "temperature, °C",
+    "rate": "rate of temperature, °C/min",
+    "position": "position of the head, °",
+    "rotation_phase": "time since the head turned, min",
+    "time_in_run": "time in the run, h",
+    "run": "time since the first run began, h",
+    "time": "time since the first run began, h",
+}
+
+
+def draw_factor(d: Discrepancy) -> Picture:
+    """Draw the residual before and after over the factor that shows it best."""
+    name = d.where.name if d.where else "temperature"
+    x = _along(d, name)
+    before, after = d.plain_before.residual, d.plain_after.residual
+    unit, divisor = unit_of(before, after)
+    figure = new_figure(10.0, 4.2)
+    panels = figure.subplots(1, 2, sharey=True)
+    handles: dict[str, Any] = {}
+    for axes, values, title in zip(
+        panels, (before, after), ("present model", "with the effect"), strict=True
+    ):
+        _draw(axes, d, name, x, values / divisor, handles)
+        rms = float(np.sqrt(np.mean(values**2))) / divisor
+        label = f"residual, {unit}" if axes is panels[0] else ""
+        dress(
+            axes,
+            title=f"{title}: {number(rms, 3)} {unit} rms of block means",
+            x=AXIS[name],
+            y=label,
+        )
+    legend_below(figure, list(handles.values()), list(handles))
+    caption = (
+        f"{d.serial}: residual of block means over {AXIS[name].partition(',')[0]}, with the "
+        "present model and with the effects found; lines are means of cells."
+    )
+    return picture(figure, f"residual_{file_part(d.serial)}.png", caption)
+
+
+def _along(d: Discrepancy, name: str) -> FloatArray:
+    seen = d.source.seen
+    if name == "position":
+        angle = d.channel.position_deg[d.source.blocks.starts]
+        return np.where(np.isfinite(angle), angle, 0.0)
+    if name == "rate":
+        return seen.rate
+    if name == "rotation_phase":
+        return seen.dwell / 60.0
+    if name == "time_in_run":
+        return seen.time_s / 3600.0
+    if name in ("run", "time"):
+        return d.source.blocks.times.elapsed_s / 3600.0
+    return seen.temp + d.t_ref_c
+
+
+def _draw(
+    axes: Any, d: Discrepancy, name: str, x: FloatArray, y: FloatArray, handles: dict[str, Any]
+) -> None:
+    side = d.source.seen.side()
+    groups = [
+        ("heating", side == HEATING, HEATING_COLOUR),
+        ("cooling", side == COOLING, COOLING_COLOUR),
+    ]
+    if name != "direction":
+        groups = [("block means", np.ones(x.size, dtype=bool), COLOURS[0])]
+    width = max(float(np.ptp(x)) / CELLS, 1e-9)
+    for label, rows, colour in groups:
+        if not rows.any():
+            continue
+        shown = np.flatnonzero(rows)
+        shown = shown[thinned(shown.size)]
+        axes.plot(x[shown], y[shown], ".", color=colour, markersize=2.5, alpha=0.25)
+        centres, means = cell_means(x[rows], y[rows], width)
+        full = np.isfinite(means)
+        (line,) = axes.plot(centres[full], means[full], "-", color=colour, linewidth=1.8)
+        handles.setdefault(f"mean, {label}" if name == "direction" else "mean of cells", line)
+
+
+def draw_gap(d: Discrepancy) -> Picture:
+    """Draw the gap before and after on each run that was held out, against the floor."""
+    runs = d.heldout.runs if d.heldout else ()
+    labels = [r.run for r in runs] or ["all runs, in the fit"]
+    before = np.array([r.before_ug for r in runs] or [d.rms_before_ug])
+    after = np.array([r.after_ug for r in runs] or [d.rms_after_ug])
+    unit, divisor = unit_of(before, after)
+    figure = new_figure(7.5, 3.4)
+    axes = figure.subplots()
+    at = np.arange(len(labels))
+    first = axes.bar(at - 0.2, before / divisor, 0.38, color=COLOURS[6])
+    second = axes.bar(at + 0.2, after / divisor, 0.38, color=COLOURS[2])
+    line = axes.axhline(d.floor_ug / divisor, color=COLOURS[0], linestyle="--", linewidth=1.2)
+    axes.set_xticks(at, labels)
+    title = "runs held out, predicted from the others" if runs else "in the fit: a single run"
+    dress(axes, title=title, x="run", y=f"residual rms, {unit}")
+    legend_below(
+        figure,
+        [first, second, line],
+        ["present model", "with the effect", "noise alone"],
+        enlarge=1,
+    )
+    caption = f"{d.serial}: residual of every run before and after, against what noise leaves."
+    return picture(figure, f"gap_{file_part(d.serial)}.png", caption)
