@@ -22,9 +22,10 @@ def readonly(values: ArrayLike) -> FloatArray:
 
 def _is_frozen(array: FloatArray) -> bool:
     """Tell whether neither an array nor what it is a view of can be written to."""
-    owner: object = array.base
-    owned = owner is None or (isinstance(owner, np.ndarray) and not owner.flags.writeable)
-    return owned and not array.flags.writeable
+    if array.flags.writeable:
+        return False
+    flags = getattr(array.base, "flags", None)  # a buffer that is no array has none
+    return array.base is None or (flags is not None and not flags.writeable)
 
 
 def readonly_int(values: ArrayLike) -> IntArray:
