@@ -11,20 +11,21 @@ IntArray = NDArray[np.intp]
 
 def readonly(values: ArrayLike) -> FloatArray:
     """Return `values` as floats that cannot be written to: a copy, unless they are so already."""
-    if isinstance(values, np.ndarray):
+    if isinstance(values, np.ndarray) and values.dtype == np.float64:
         given = cast(FloatArray, values)
-        if given.dtype == np.float64 and _is_frozen(given):
+        if _is_frozen(given):
             return given
     array = np.array(values, dtype=float)
     array.flags.writeable = False
     return array
 
 
-def _is_frozen(array: NDArray[Any]) -> bool:
+def _is_frozen(array: FloatArray) -> bool:
     """Tell whether neither an array nor what it is a view of can be written to."""
-    owner = array.base
-    owned = owner is None or (hasattr(owner, "flags") and not owner.flags.writeable)
-    return owned and not array.flags.writeable
+    if array.flags.writeable:
+        return False
+    flags = getattr(array.base, "flags", None)  # a buffer that is no array has none
+    return array.base is None or (flags is not None and not flags.writeable)
 
 
 def readonly_int(values: ArrayLike) -> IntArray:

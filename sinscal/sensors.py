@@ -220,8 +220,7 @@ class SensorModel:
         errors = self.errors(trial, values)
         slope = (errors[1:] - errors[0]).T
         slope[:, :3] /= TRIAL_RATE_RAD_S
-        inverse = cast(FloatArray, np.linalg.inv(np.eye(6) + slope))
-        return inverse, errors[0]
+        return cast(FloatArray, np.linalg.inv(np.eye(6) + slope)), errors[0]
 
     def _records(self, motion: Motion) -> Iterator[tuple[Channel, Record]]:
         """Yield the six sensors' channels, each with what acts on it."""
