@@ -326,7 +326,7 @@ def _cycle(
         q[:, 5] = 0.0
     h = np.zeros((count, len(used), n))
     h[:, np.arange(len(used)), used] = 1.0
-    errors = np.hstack([run.velocity[rows], _position_errors(run, rows)])
+    errors = np.hstack([run.velocity[rows], position_errors(run, rows)])
     sigmas = np.array([noise.velocity_m_s] * 3 + [noise.position_m] * 3)
     picked = [i - 3 for i in used]
     return Steps(
@@ -338,7 +338,7 @@ def _cycle(
     )
 
 
-def _position_errors(run: NavRun, rows: slice) -> FloatArray:
+def position_errors(run: NavRun, rows: slice) -> FloatArray:
     """Return computed less true position, east, north, up, m, shape (n, 3).
 
     Differences of longitude count at the computed latitude: then the sum is the integral of the

@@ -1,0 +1,155 @@
+"""The article's experiment on the twin: calibrate by navigation outputs, compensate the next run.
+
+Two runs of three 40-minute cycles at 2 and 5 °/s. In each the SINS aligns itself on its own
+sensors at the start of a cycle and navigates; its position errors grow to some 10 km. The first run
+calibrates, the second is navigated again with the estimates taken out of its sensors.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from errormodel.arrays import FloatArray
+from sinscal.earth import ARCMIN, DEG_PER_H
+from sinscal.flight_monte_carlo import align
+from sinscal.motion import CycleMotion, RigMotion, rig_motion
+from sinscal.nav_simulate import navigate_rig
+from sinscal.navigation import NavCalibration, NavNoise, calibrate_navigation, position_errors
+from sinscal.priors import PriorFile, make_prior
+from sinscal.programme import Programme, experiment_programme
+from sinscal.run import NavRun, RigRun
+from sinscal.sensors import Motion, SensorModel, as_vector, rate_derivative, sensor_model
+from sinscal.simulate import SensorNoise, simulate_rig
+
+RATE_HZ = 20.0
+OUTPUT_S = 1.0
+# Of a roughly calibrated navigation-grade SINS (assumed): they give errors of 10 to 20 km.
+GROUP_SIGMAS = {
+    "gyro_bias": 0.02 * DEG_PER_H,
+    "gyro_scale": 5e-5,
+    "gyro_misalignment": 0.2 * ARCMIN,
+    "accel_bias": 1e-3,
+    "accel_scale": 1e-4,
+    "accel_misalignment": 0.3 * ARCMIN,
+}
+# From one power-on to the next (assumed).
+TURN_ON = {"gyro_bias": 0.001 * DEG_PER_H, "accel_bias": 2e-5}
+NOISE = SensorNoise(gyro=0.02 * DEG_PER_H, accel=1e-4)
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Experiment:
+    """What the experiment gave.
+
+    Attributes
+    ----------
+    calibration : NavCalibration
+        By the first run.
+    first, before, after : NavRun
+        Outputs of the first run; of the second as it was, and compensated.
+    true_values : ndarray, shape (p,)
+        The sensors' errors in the first run.
+    """
+
+    calibration: NavCalibration
+    first: NavRun
+    before: NavRun
+    after: NavRun
+    true_values: FloatArray
+
+    @property
+    def largest_m(self) -> tuple[float, float, float]:
+        """Largest horizontal position errors: first run, second before and after, m."""
+        return largest_m(self.first), largest_m(self.before), largest_m(self.after)
+
+    @property
+    def ratio(self) -> float:
+        """How many times smaller the second run's largest error became."""
+        _, before, after = self.largest_m
+        return before / after
+
+
+def largest_m(run: NavRun) -> float:
+    """Return the largest horizontal position error of a run, m."""
+    return max(float(np.max(np.hypot(*position_errors(run, c)[:, :2].T))) for c in run.cycles)
+
+
+def navigation_experiment(seed: int, programme: Programme | None = None) -> Experiment:
+    """Run the experiment on simulated sensors.
+
+    Parameters
+    ----------
+    seed : int
+    programme : Programme, optional
+        By default the article's.
+    """
+    rng = np.random.default_rng(seed)
+    true = rig_motion(programme or experiment_programme(), RATE_HZ)
+    sensors = sensor_model(gravity_m_s2=true.site.gravity_m_s2)
+    prior = make_prior(sensors, PriorFile(sigma=GROUP_SIGMAS))
+    drawn = rng.normal(prior.values, np.sqrt(np.diag(prior.cov)))
+    errors = dict(zip(sensors.names, drawn.tolist(), strict=True))
+    later = {name: value + _turn_on(name) * rng.standard_normal() for name, value in errors.items()}
+    first, _ = _navigated(true, sensors, errors, rng)
+    before, raw = _navigated(true, sensors, later, rng)
+    noise = NavNoise(gyro=NOISE.gyro, accel=NOISE.accel)
+    found = calibrate_navigation(first, sensors=sensors, prior=prior, noise=noise)
+    again = _compensated(raw, sensors, found.values)
+    left = as_vector(sensors, later) - found.values
+    starts = [_aligned(c, sensors, left) for c in true.cycles]
+    after = navigate_rig(again, starts, output_step_s=OUTPUT_S)
+    return Experiment(
+        calibration=found,
+        first=first,
+        before=before,
+        after=after,
+        true_values=as_vector(sensors, errors),
+    )
+
+
+def _turn_on(name: str) -> float:
+    return next((s for group, s in TURN_ON.items() if name.startswith(group)), 0.0)
+
+
+def _navigated(
+    true: RigMotion, sensors: SensorModel, errors: Mapping[str, float], rng: np.random.Generator
+) -> tuple[NavRun, RigRun]:
+    raw = simulate_rig(true, sensors, errors, NOISE, rng)
+    starts = [_aligned(c, sensors, as_vector(sensors, errors)) for c in true.cycles]
+    return navigate_rig(raw, starts, output_step_s=OUTPUT_S), raw
+
+
+def _aligned(cycle: CycleMotion, sensors: SensorModel, errors: FloatArray) -> FloatArray:
+    """Return the attitude that the SINS finds at rest before a cycle, by its own sensors."""
+    rest = _at_rest(cycle)
+    gyro, accel = sensors.measured(rest, errors)
+    return align(gyro[0], accel[0])
+
+
+def _at_rest(cycle: CycleMotion) -> Motion:
+    """Return the motion at rest in the attitude in which a cycle begins."""
+    m = cycle.motion
+    w = m.w[0] - m.dw[0] * 0.5 * m.step_s[0]  # the platform has not begun to turn
+    return Motion(
+        time_s=m.time_s[:1],
+        step_s=m.step_s[:1],
+        w=w[None],
+        f=m.f[:1],
+        dw=np.zeros((1, 3)),
+    )
+
+
+def _compensated(raw: RigRun, sensors: SensorModel, values: FloatArray) -> RigRun:
+    gyro, accel = np.array(raw.gyro), np.array(raw.accel)
+    for rows in raw.cycles:
+        motion = Motion(
+            time_s=raw.time_s[rows],
+            step_s=raw.step_s[rows],
+            w=raw.gyro[rows],
+            f=raw.accel[rows],
+            dw=rate_derivative(raw.gyro[rows], raw.step_s[rows]),
+        )
+        true = sensors.corrected(motion, values)
+        gyro[rows], accel[rows] = true.w, true.f
+    return replace(raw, gyro=gyro, accel=accel)
