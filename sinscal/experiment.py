@@ -11,13 +11,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from errormodel.arrays import FloatArray
-from sinscal.earth import ARCMIN, DEG_PER_H
+from sinscal.earth import ARCMIN, DEG_PER_H, Site
 from sinscal.flight_monte_carlo import align
 from sinscal.motion import CycleMotion, RigMotion, rig_motion
 from sinscal.nav_simulate import navigate_rig
 from sinscal.navigation import NavCalibration, NavNoise, calibrate_navigation, position_errors
 from sinscal.priors import PriorFile, make_prior
 from sinscal.programme import Programme, experiment_programme
+from sinscal.residual_errors import at_rest
 from sinscal.run import NavRun, RigRun
 from sinscal.sensors import Motion, SensorModel, as_vector, rate_derivative, sensor_model
 from sinscal.simulate import SensorNoise, simulate_rig
@@ -97,7 +98,7 @@ def navigation_experiment(seed: int, programme: Programme | None = None) -> Expe
     found = calibrate_navigation(first, sensors=sensors, prior=prior, noise=noise)
     again = _compensated(raw, sensors, found.values)
     left = as_vector(sensors, later) - found.values
-    starts = [_aligned(c, sensors, left) for c in true.cycles]
+    starts = [_aligned(c, true.site, sensors, left) for c in true.cycles]
     after = navigate_rig(again, starts, output_step_s=OUTPUT_S)
     return Experiment(
         calibration=found,
@@ -116,28 +117,18 @@ def _navigated(
     true: RigMotion, sensors: SensorModel, errors: Mapping[str, float], rng: np.random.Generator
 ) -> tuple[NavRun, RigRun]:
     raw = simulate_rig(true, sensors, errors, NOISE, rng)
-    starts = [_aligned(c, sensors, as_vector(sensors, errors)) for c in true.cycles]
+    starts = [_aligned(c, true.site, sensors, as_vector(sensors, errors)) for c in true.cycles]
     return navigate_rig(raw, starts, output_step_s=OUTPUT_S), raw
 
 
-def _aligned(cycle: CycleMotion, sensors: SensorModel, errors: FloatArray) -> FloatArray:
+def _aligned(
+    cycle: CycleMotion, site: Site, sensors: SensorModel, errors: FloatArray
+) -> FloatArray:
     """Return the attitude that the SINS finds at rest before a cycle, by its own sensors."""
-    rest = _at_rest(cycle)
+    c_bn = cycle.c_start.T
+    rest = at_rest(c_bn @ site.earth_rate, c_bn @ np.array([0.0, 0.0, site.gravity_m_s2]))
     gyro, accel = sensors.measured(rest, errors)
     return align(gyro[0], accel[0])
-
-
-def _at_rest(cycle: CycleMotion) -> Motion:
-    """Return the motion at rest in the attitude in which a cycle begins."""
-    m = cycle.motion
-    w = m.w[0] - m.dw[0] * 0.5 * m.step_s[0]  # the platform has not begun to turn
-    return Motion(
-        time_s=m.time_s[:1],
-        step_s=m.step_s[:1],
-        w=w[None],
-        f=m.f[:1],
-        dw=np.zeros((1, 3)),
-    )
 
 
 def _compensated(raw: RigRun, sensors: SensorModel, values: FloatArray) -> RigRun:
