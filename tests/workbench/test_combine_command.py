@@ -11,8 +11,14 @@ from click.testing import CliRunner, Result
 from errormodel.errors import InputError
 from sinscal.recording import write_rig_run
 from tests.sinscal.combine_example import CombinedTwin, make_combined_twin
-from thermo.modelfile import FORMAT, ModelFile, dump_model, reported_units, reporting_factors
-from thermo.modelfile import _digest as digest  # pyright: ignore[reportPrivateUsage]
+from thermo.modelfile import (
+    FORMAT,
+    ModelFile,
+    dump_model,
+    model_digest,
+    reported_units,
+    reporting_factors,
+)
 from workbench.commands_combine import chamber_model, combine
 
 NOMINAL = 1.3
@@ -25,7 +31,8 @@ def model_file(twin: CombinedTwin) -> ModelFile:
         factors = reporting_factors(one.model, NOMINAL)
         units = reported_units(one.model, "mA")
         scale = np.array([factors[n] for n in one.model.names])
-        rows = zip(one.model.names, one.values * scale, np.sqrt(np.diag(one.cov)) * abs(scale))
+        sigmas = np.sqrt(np.diag(one.cov)) * abs(scale)
+        rows = zip(one.model.names, one.values * scale, sigmas, strict=True)
         out.append(
             {
                 "serial": one.serial, "output_unit": "mA", "nominal_scale": NOMINAL,
@@ -52,7 +59,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, Comb
     twin = make_combined_twin(1)
     model = model_file(twin)
     told = [a.model_dump(mode="json") for a in model.accelerometers]
-    model = model.model_copy(update={"model_id": digest(told)})
+    model = model.model_copy(update={"model_id": model_digest(told)})
     (folder / "m.json").write_text(dump_model(model), encoding="utf-8")
     write_rig_run(twin.run, folder / "rig.csv")
     return folder / "m.json", folder / "rig.csv", twin
