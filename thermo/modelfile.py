@@ -194,7 +194,7 @@ def make_model_file(fits: Sequence[AccelerometerFit]) -> ModelFile:
     return ModelFile.model_validate(
         {
             "format": FORMAT,
-            "model_id": _digest(accelerometers),
+            "model_id": model_digest(accelerometers),
             "created_utc": datetime.now(UTC).isoformat(timespec="seconds"),
             "software": f"accelbench {version('accelbench')}",
             "accelerometers": accelerometers,
@@ -202,7 +202,8 @@ def make_model_file(fits: Sequence[AccelerometerFit]) -> ModelFile:
     )
 
 
-def _digest(accelerometers: Sequence[Mapping[str, Any]]) -> str:
+def model_digest(accelerometers: Sequence[Mapping[str, Any]]) -> str:
+    """Return the digest of a model file's accelerometers, as JSON holds them: its `model_id`."""
     text = json.dumps(accelerometers, sort_keys=True, separators=(",", ":"))
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
@@ -226,6 +227,6 @@ def read_model(path: Path | str) -> ModelFile:
         raise InputError(path, "", f"not JSON: {err}") from None
     model = check(data, ModelFile, path)
     accelerometers = [one.model_dump(mode="json") for one in model.accelerometers]
-    if _digest(accelerometers) != model.model_id:
+    if model_digest(accelerometers) != model.model_id:
         raise InputError(path, "model_id", "does not fit the content: the file was changed by hand")
     return model

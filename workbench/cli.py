@@ -33,6 +33,7 @@ COMMANDS = {
     "compensate": ("commands_fit", "compensate", "Apply a model to recorded runs."),
     "stability": ("commands_stability", "stability", "Compare runs: does each coefficient repeat?"),
     "rig": ("commands_rig", "rig", "Plan, simulate and evaluate the rig calibration of a SINS."),
+    "combine": ("commands_combine", "combine", "Calibrate a SINS with its chamber models."),
     "discrepancy": (
         "commands_discrepancy",
         "discrepancy",

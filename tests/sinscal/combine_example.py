@@ -1,0 +1,88 @@
+"""A simulated rig run of a SINS that warms itself, and its accelerometers' chamber models."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from errormodel.fit import expected_covariance
+from errormodel.noise import NoiseModel
+from errormodel.record import Record
+from sinscal.combined import (
+    ChamberModel,
+    at_reference,
+    chamber_names,
+    combined_prior,
+    combined_sensors,
+)
+from sinscal.earth import DEG_PER_H
+from sinscal.motion import rig_motion
+from sinscal.programme import there_and_back
+from sinscal.run import RigRun
+from sinscal.simulate import SensorNoise, self_heating, simulate_rig
+from sinscal.terms import BASIC
+from thermo.recording_model import head_force_g
+from thermo.twin import emulated_accelerometer
+
+NOISE = SensorNoise(gyro=0.05 * DEG_PER_H, accel=1e-4)
+
+
+@dataclass(frozen=True, kw_only=True)
+class CombinedTwin:
+    run: RigRun
+    chambers: tuple[ChamberModel, ...]
+    truth: dict[str, float]
+
+    def at_reference(self) -> dict[str, float]:
+        """Return the true values at the reference temperature, in the rig's names."""
+        names = tuple(self.truth)
+        values = np.array([self.truth[n] for n in names])
+        cov, g = np.eye(values.size), self.chambers[0].gravity_m_s2
+        out, at, _ = at_reference(names, values, cov, g)
+        return dict(zip(out, at.tolist(), strict=True))
+
+
+def chamber_pair(
+    serial: str, rng: np.random.Generator, gravity_m_s2: float
+) -> tuple[ChamberModel, ChamberModel]:
+    """Return an accelerometer's true model, and one that two ramps in a chamber would give."""
+    made = emulated_accelerometer(serial)
+    t = np.arange(0.0, 8 * 3600.0, 30.0)
+    temp_c = np.interp(t, np.arange(5) * 7200.0, [-40.0, 70.0, -40.0, 70.0, -40.0])
+    force = head_force_g(np.array([0.0, 90, 180, 270, 45, 225])[(np.arange(t.size) // 4) % 6])
+    signals = {"a_i_g": force[:, 0], "a_p_g": force[:, 1], "a_o_g": force[:, 2]}
+    record = Record(time_s=t, signals={**signals, "x_c": temp_c - 25.0})
+    names = made.model.names
+    noise = NoiseModel(white=5e-6, drift=3e-6)
+    cov = expected_covariance(made.model, record, {n: made.values[n] for n in names}, noise)
+    true = np.array([made.values[n] for n in names])
+    size = np.sqrt(np.diag(cov))
+    root = np.linalg.cholesky(cov / np.outer(size, size))
+    fitted = true + size * (root @ rng.standard_normal(true.size))
+
+    def model(values: np.ndarray) -> ChamberModel:
+        return ChamberModel(
+            serial=serial, model=made.model, values=values, cov=cov,
+            gravity_m_s2=gravity_m_s2, t_ref_c=25.0, valid_c=(-40.0, 70.0),
+        )  # fmt: skip
+
+    return model(true), model(fitted)
+
+
+def make_combined_twin(seed: int, *, cycle_s: float = 120.0, hz: float = 50.0) -> CombinedTwin:
+    """Draw accelerometers, their chamber fits, and the SINS's own errors from their priors."""
+    rng = np.random.default_rng(seed)
+    programme = there_and_back(
+        (10.0, -10.0), cycle_s, "xyz", acceleration_deg_s2=20.0, azimuth_deg=30.0
+    )
+    motion = rig_motion(programme, hz)
+    pairs = [chamber_pair(f"S{seed}-{a}", rng, motion.site.gravity_m_s2) for a in "xyz"]
+    true, fitted = tuple(p[0] for p in pairs), tuple(p[1] for p in pairs)
+    sensors = combined_sensors(true, BASIC)
+    prior = combined_prior(sensors, true)
+    own = chamber_names(sensors, true)
+    drawn = np.sqrt(np.diag(prior.cov)) * rng.standard_normal(prior.values.size)
+    truth = {
+        n: float(prior.values[i] if n in own else drawn[i]) for i, n in enumerate(sensors.names)
+    }
+    run = simulate_rig(motion, sensors, truth, NOISE, rng, warming=self_heating())
+    return CombinedTwin(run=run, chambers=fitted, truth=truth)

@@ -1,0 +1,125 @@
+"""`combine` through its command: right, with serial numbers swapped, with a thermistor offset."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+
+from errormodel.errors import InputError
+from sinscal.recording import write_rig_run
+from tests.sinscal.combine_example import CombinedTwin, make_combined_twin
+from thermo.modelfile import (
+    FORMAT,
+    ModelFile,
+    dump_model,
+    model_digest,
+    reported_units,
+    reporting_factors,
+)
+from workbench.commands_combine import chamber_model, combine
+
+NOMINAL = 1.3
+
+
+def model_file(twin: CombinedTwin) -> ModelFile:
+    """Write the twin's chamber models as `fit` would."""
+    out = []
+    for one in twin.chambers:
+        factors = reporting_factors(one.model, NOMINAL)
+        units = reported_units(one.model, "mA")
+        scale = np.array([factors[n] for n in one.model.names])
+        sigmas = np.sqrt(np.diag(one.cov)) * abs(scale)
+        rows = zip(one.model.names, one.values * scale, sigmas, strict=True)
+        out.append(
+            {
+                "serial": one.serial, "output_unit": "mA", "nominal_scale": NOMINAL,
+                "gravity_m_s2": one.gravity_m_s2, "has_input": True, "t_ref_c": one.t_ref_c,
+                "valid_c": list(one.valid_c), "valid_rate_c_per_min": [-1.0, 1.0],
+                "terms": [t.name for t in one.model.terms],
+                "coefficients": {
+                    n: {"value": float(v), "sigma": float(s), "unit": units[n]} for n, v, s in rows
+                },
+                "names": list(one.model.names),
+                "covariance": (one.cov * np.outer(scale, scale)).tolist(),
+                "noise": {}, "residual_ug": 5.0, "heldout_residual_ug": None, "source_runs": {},
+                "n_samples": 1,
+            }
+        )  # fmt: skip
+    return ModelFile.model_validate(
+        {"format": FORMAT, "model_id": "", "created_utc": "", "software": "", "accelerometers": out}
+    )
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, CombinedTwin]:
+    folder = tmp_path_factory.mktemp("combine")
+    twin = make_combined_twin(1)
+    model = model_file(twin)
+    told = [a.model_dump(mode="json") for a in model.accelerometers]
+    model = model.model_copy(update={"model_id": model_digest(told)})
+    (folder / "m.json").write_text(dump_model(model), encoding="utf-8")
+    write_rig_run(twin.run, folder / "rig.csv")
+    return folder / "m.json", folder / "rig.csv", twin
+
+
+def run(*words: object) -> Result:
+    return CliRunner().invoke(combine, [str(w) for w in words], standalone_mode=False)
+
+
+def test_combined_result_is_told_and_written(
+    recorded: tuple[Path, Path, CombinedTwin], tmp_path: Path
+) -> None:
+    model, rig, twin = recorded
+    out = tmp_path / "r.json"
+    told = run("--thermal", model, "--rig", rig, "--out", out, "--json")
+    assert told.exception is None, told.output
+    assert told.return_value == 0
+    document = json.loads(told.stdout)
+    assert "rig and chamber" in told.stderr
+    truth = twin.at_reference()
+    for name, one in document["parameters"].items():
+        if name in truth and one["unit"] in ("m/s²", "1", "rad/s", "rad"):
+            assert abs(one["value"] - truth[name]) < 5 * one["sigma"], name
+    assert document["contradictions"] == []
+    assert {*document["flight_m"]} == {"no_thermal", "before", "combined"}
+    assert document["flight_m"]["combined"] < document["flight_m"]["no_thermal"]
+    assert document["parameters"]["k0_t1_x"]["unit"] == "µg/°C"
+    assert json.loads(out.read_text(encoding="utf-8"))["result_id"] == document["result_id"]
+
+
+def test_swapped_serial_numbers_are_reported(recorded: tuple[Path, Path, CombinedTwin]) -> None:
+    model, rig, twin = recorded
+    x, y, z = (c.serial for c in twin.chambers)
+    told = run("--thermal", model, "--rig", rig, "--accelerometers", f"{y},{x},{z}", "--json")
+    assert told.return_value == 1
+    assert f"{x} is on x, not on y" in " ".join(json.loads(told.stdout)["contradictions"])
+
+
+def test_a_thermistor_offset_is_reported(
+    recorded: tuple[Path, Path, CombinedTwin], tmp_path: Path
+) -> None:
+    model, _, twin = recorded
+    assert twin.run.temp_c is not None
+    rig = tmp_path / "warm.csv"
+    write_rig_run(replace(twin.run, temp_c=twin.run.temp_c + np.array([0.0, 3.0, 0.0])), rig)
+    told = run("--thermal", model, "--rig", rig, "--json")
+    assert told.return_value == 1
+    assert "the thermistor of y reads 3." in " ".join(json.loads(told.stdout)["contradictions"])
+
+
+def test_an_unknown_serial_number_is_refused(recorded: tuple[Path, Path, CombinedTwin]) -> None:
+    model, rig, _ = recorded
+    told = run("--thermal", model, "--rig", rig, "--accelerometers", "a,b,c")
+    assert isinstance(told.exception, InputError)
+    assert "no model for serial 'a'" in str(told.exception)
+
+
+def test_the_covariance_comes_back_in_own_units(
+    recorded: tuple[Path, Path, CombinedTwin],
+) -> None:
+    twin = recorded[2]
+    for had, got in zip(twin.chambers, model_file(twin).accelerometers, strict=True):
+        np.testing.assert_allclose(chamber_model(got).cov, had.cov, rtol=1e-12)
