@@ -17,7 +17,7 @@ from errormodel.discrepancy.search import Search
 from sinscal.calibrate import Mode, noise_of
 from sinscal.discrepancy_source import FilterProblem, RigSource
 from sinscal.rig_effects import BY_NAME, RigEffect
-from sinscal.run import RigRun
+from sinscal.run import BoolArray, RigRun
 from sinscal.sensors import T_REF_C
 
 DRAWS = 200
@@ -195,7 +195,7 @@ def _found(after: FilterProblem, slot: Slot) -> RigEffectFound:
     )
 
 
-def _settled(one: FilterProblem) -> FloatArray:
+def _settled(one: FilterProblem) -> BoolArray:
     """Return (K, m): where an innovation is mainly the sensors' noise and is looked at."""
     share = one.found.steps.r / np.where(one.kept, one.found.filtered.variance, np.inf)
     return share > SETTLED_SHARE

@@ -44,7 +44,9 @@ class FilterProblem:
     cycles: tuple[CycleData, ...]
     effects: tuple[RigEffect, ...]
     rows: tuple[int, ...]
-    _made: dict[tuple[str, Theta], Signature] = field(default_factory=dict, repr=False)
+    _made: dict[tuple[str, Theta], Signature] = field(
+        default_factory=dict[tuple[str, Theta], Signature], repr=False
+    )
 
     @cached_property
     def gains(self) -> FloatArray:
@@ -63,7 +65,7 @@ class FilterProblem:
     def kept(self) -> BoolArray:
         """The innovations looked at, shape (K, m)."""
         m = self.found.steps.h.shape[1]
-        return self.found.filtered.used & np.isin(np.arange(m), self.rows)
+        return self.found.filtered.used & np.array([k in self.rows for k in range(m)])
 
     @cached_property
     def step_of(self) -> IntArray:
@@ -216,8 +218,12 @@ class RigSource:
     interval_s: float = 1.0
     t_ref_c: float = T_REF_C
     effects: tuple[RigEffect, ...] = EFFECTS
-    _filters: dict[tuple[Choice, ...], FilterProblem] = field(default_factory=dict, repr=False)
-    _problems: dict[tuple[Choice, ...], Problem] = field(default_factory=dict, repr=False)
+    _filters: dict[tuple[Choice, ...], FilterProblem] = field(
+        default_factory=dict[tuple[Choice, ...], FilterProblem], repr=False
+    )
+    _problems: dict[tuple[Choice, ...], Problem] = field(
+        default_factory=dict[tuple[Choice, ...], Problem], repr=False
+    )
 
     @property
     def shown(self) -> tuple[RigEffect, ...]:
