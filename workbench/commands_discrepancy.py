@@ -5,6 +5,7 @@ from pathlib import Path
 import click
 
 from errormodel.atomic import write_files
+from errormodel.errors import InputError
 from thermo.discrepancy import Discrepancy, find_discrepancy
 from thermo.effects_user import load_effects
 from thermo.fitting import TermsFile, fit_runs, read_terms
@@ -24,7 +25,7 @@ from workbench.outputs import (
 
 
 @click.command()
-@click.argument("kind", type=click.Choice(["thermal"]), metavar="thermal")
+@click.argument("kind", type=click.Choice(["thermal", "rig"]), metavar="thermal|rig")
 @click.argument("files", nargs=-1, required=True, metavar="RUN.csv…", type=Path)
 @click.option("--model", type=Path, help="The present model: TERMS.toml, or MODEL.json of a fit.")
 @click.option("--effects", type=Path, help="A file of effects of your own.")
@@ -51,7 +52,11 @@ def discrepancy(
     Without --model the present model is k0 and k1, each quadratic in temperature. In Python:
     thermo.discrepancy.find_discrepancy.
     """
-    del kind  # one kind so far
+    if kind == "rig":
+        given = {"--model": model, "--effects": effects, "--experiment-out": experiment_out,
+                 "--report": report}  # fmt: skip
+        _rig(files, [name for name, value in given.items() if value], out, seed, force, as_json)
+        return
     inputs = [*with_sidecars(list(files)), *(p for p in (model, effects) if p)]
     for path in (p for p in (out, experiment_out) if p):
         checked_output(path, inputs, force=force)
@@ -76,6 +81,34 @@ def discrepancy(
         document["report"] = str(report / REPORT_NAME)
         text.append(f"report: {report / REPORT_NAME}")
     write_files(written)
+    emit(document, text, as_json=as_json)
+
+
+def _rig(
+    files: tuple[Path, ...],
+    foreign: list[str],
+    out: Path | None,
+    seed: int,
+    force: bool,
+    as_json: bool,
+) -> None:
+    """Search the innovations of the rig filter, over cycles that follow one another."""
+    from sinscal.discrepancy import find_rig_discrepancy
+    from sinscal.recording import read_rig_run
+    from sinscal.run_join import join_runs
+    from workbench.rig_discrepancy_output import enlarged, rig_document, rig_text
+
+    if foreign:
+        raise InputError("discrepancy rig", foreign[0], "belongs to discrepancy thermal only")
+    if out is not None:
+        checked_output(out, with_sidecars(list(files)), force=force)
+    run = join_runs([read_rig_run(f) for f in files])
+    found = find_rig_discrepancy(run, seed=seed, tell=_tell)
+    document, text = rig_document(found), list(rig_text(found))
+    if out is not None:
+        write_files([(out, enlarged(found).encode())])
+        document["out"] = str(out)
+        text.append(f"larger model: {out}")
     emit(document, text, as_json=as_json)
 
 

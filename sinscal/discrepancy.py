@@ -1,0 +1,275 @@
+"""Which physical effect is missing from the rig filter's model, found in its innovations."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from errormodel.arrays import FloatArray
+from errormodel.discrepancy.choices import Choice, Rules, SearchResult, Slot
+from errormodel.discrepancy.coloured import NoiseShape
+from errormodel.discrepancy.floor import NoiseFloor
+from errormodel.discrepancy.foresight import NAMEABLE_D, foresee
+from errormodel.discrepancy.gate import FactorFinding, Judgement, judge, locate
+from errormodel.discrepancy.nulls import calibrate as simulate_nulls
+from errormodel.discrepancy.scan import View
+from errormodel.discrepancy.search import Search
+from sinscal.calibrate import Mode, noise_of
+from sinscal.discrepancy_source import FilterProblem, RigSource
+from sinscal.rig_effects import BY_NAME, RigEffect
+from sinscal.run import BoolArray, RigRun
+from sinscal.sensors import T_REF_C
+
+DRAWS = 200
+Tell = Callable[[str], None]
+# Where less of an innovation's variance is the sensors' noise, the start is still being found.
+SETTLED_SHARE = 0.5
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Estimate:
+    """One parameter of an effect as the enlarged filter found it; SI."""
+
+    value: float
+    sigma: float
+    unit: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RigEffectFound:
+    """A named effect: its parameters, strength (sigma of its own size) and p over the library."""
+
+    effect: RigEffect
+    parameters: dict[str, Estimate]
+    strength_d: float
+    p_value: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HeldOutCycle:
+    """Rms of a cycle's innovations, the effects' sizes taken from the other cycles; by channel."""
+
+    cycle: int
+    before: dict[str, float]
+    after: dict[str, float]
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class RigDiscrepancy:
+    """The verdict on one rig run and what it stands on.
+
+    Attributes
+    ----------
+    source : RigSource
+    judgement : Judgement
+    result : SearchResult
+    effects : tuple of RigEffectFound
+    where : FactorFinding or None
+        The factor that carries the excess.
+    rms_before, rms_after, floor : dict of str to float
+        Of innovations by channel, m/s² and rad; the floor is what the noise stated gives.
+    heldout : tuple of HeldOutCycle
+    invisible : tuple of str
+    smallest_nameable : dict of str to (float, str)
+        Size of the effect's first visible unknown at strength seven, and its unit.
+    experiment : str or None
+    """
+
+    source: RigSource
+    judgement: Judgement
+    result: SearchResult
+    effects: tuple[RigEffectFound, ...]
+    where: FactorFinding | None
+    rms_before: dict[str, float]
+    rms_after: dict[str, float]
+    floor: dict[str, float]
+    heldout: tuple[HeldOutCycle, ...]
+    invisible: tuple[str, ...]
+    smallest_nameable: dict[str, tuple[float, str]]
+    experiment: str | None
+
+    @property
+    def verdict(self) -> str:
+        """One of named, alias, unexplained_repeatable, unexplained_noise, nothing."""
+        return self.judgement.verdict
+
+    @property
+    def alias_sets(self) -> tuple[tuple[str, ...], ...]:
+        """Effects that this run cannot tell apart."""
+        if self.verdict != "alias":
+            return ()
+        return tuple(s.alias for s in self.result.slots if len(s.alias) > 1)
+
+
+def find_rig_discrepancy(
+    run: RigRun,
+    *,
+    mode: Mode | None = None,
+    rules: Rules | None = None,
+    draws: int = DRAWS,
+    seed: int = 1,
+    t_ref_c: float = T_REF_C,
+    tell: Tell = lambda line: None,
+) -> RigDiscrepancy:
+    """Find and name what is missing from the basic model of a SINS in a recorded rig run.
+
+    Parameters
+    ----------
+    run : RigRun
+        Its facts state the densities of the noise.
+    mode : {"coarse", "precise"}, optional
+        By default precise where the rig's angle is recorded.
+    rules : Rules, optional
+    draws : int
+        Simulated nulls that calibrate every statistic.
+    seed : int
+        Of the draws.
+    t_ref_c : float
+    tell : callable, optional
+        Takes a line of progress.
+
+    Returns
+    -------
+    RigDiscrepancy
+
+    Raises
+    ------
+    InputError
+        If the run lacks what the mode needs, or a density of its noise.
+    """
+    rules = rules or Rules()
+    angle = run.rig_angle_rad is not None and run.facts.axis_of_cycle is not None
+    mode = mode or ("precise" if angle else "coarse")
+    source = RigSource(run, mode, noise_of(run.facts, mode), t_ref_c=t_ref_c)
+    tell("calibrating with the basic model")
+    problem = source.problem((), NoiseShape())
+    floor = NoiseFloor(shape=NoiseShape(), sigma=1.0, support=((1.0, NoiseShape()),))
+    tell(f"{draws} simulated nulls")
+    laws = simulate_nulls(problem, floor, draws=draws, rng=np.random.default_rng(seed))
+    search = Search(source, floor, laws, rules)
+    tell(f"trying {len(problem.candidates)} effects")
+    result = search.run()
+    choices = tuple(s.choice for s in result.slots)
+    verdict = judge(search.view(choices), result, laws, rules, too_much_drift=False)
+    if verdict.verdict not in ("named", "alias"):
+        choices = ()
+    before, after = source.filter_with(()), source.filter_with(choices)
+    slots = result.slots if choices else ()
+    invisible, smallest = _foreseen(source, search.view(()), before)
+    places = [p for p in locate(search.view(()), laws) if verdict.verdict != "nothing"]
+    return RigDiscrepancy(
+        source=source,
+        judgement=verdict,
+        result=result,
+        effects=tuple(_found(after, s) for s in slots),
+        where=places[0] if places else None,
+        rms_before=_rms(before),
+        rms_after=_rms(after),
+        floor=_floor(after),
+        heldout=_held_out(before, choices),
+        invisible=invisible,
+        smallest_nameable=smallest,
+        experiment=_experiment(result, verdict, invisible),
+    )
+
+
+def _found(after: FilterProblem, slot: Slot) -> RigEffectFound:
+    effect, found = BY_NAME[slot.choice.name], after.found
+    belongs, units = effect.unknowns(), found.sensors.units
+    parameters = {
+        name: Estimate(
+            value=found.value(name), sigma=found.sigma(name), unit=units.get(name, "rad")
+        )
+        for name in found.names
+        if belongs(name)
+    }
+    if effect.step:
+        apart = float(np.median(np.diff(found.time_s[1:])))
+        at = Estimate(value=slot.choice.theta[0], sigma=apart / np.sqrt(12.0), unit="s")
+        parameters[f"{effect.name}_at_s"] = at
+    return RigEffectFound(
+        effect=effect,
+        parameters=parameters,
+        strength_d=float(np.sqrt(max(slot.gain, 0.0))),
+        p_value=slot.p_value,
+    )
+
+
+def _settled(one: FilterProblem) -> BoolArray:
+    """Return (K, m): where an innovation is mainly the sensors' noise and is looked at."""
+    share = one.found.steps.r / np.where(one.kept, one.found.filtered.variance, np.inf)
+    return share > SETTLED_SHARE
+
+
+def _rms(one: FilterProblem) -> dict[str, float]:
+    return _by_row(one, one.found.filtered.innovation**2)
+
+
+def _floor(one: FilterProblem) -> dict[str, float]:
+    return _by_row(one, one.found.filtered.variance)
+
+
+def _by_row(one: FilterProblem, square: FloatArray) -> dict[str, float]:
+    settled = _settled(one)
+    return {
+        one.row_names[k]: float(np.sqrt(np.mean(square[settled[:, k], k])))
+        for k in one.rows
+        if settled[:, k].any()
+    }
+
+
+def _held_out(before: FilterProblem, choices: tuple[Choice, ...]) -> tuple[HeldOutCycle, ...]:
+    """Judge the effects' signatures on each cycle with their sizes from the others."""
+    if not choices:
+        return ()
+    seen = np.hstack([before.signature(BY_NAME[c.name], c.theta).columns for c in choices])
+    y = before.problem().residual
+    cycle = before.found.cycle_of_step[before.step_of]
+    made: list[HeldOutCycle] = []
+    for k in range(int(cycle.max()) + 1):
+        mine = cycle == k
+        size = np.linalg.lstsq(seen[~mine], y[~mine], rcond=1e-6)[0]
+        rest = np.zeros(before.kept.shape)
+        rest[before.kept] = np.where(mine, y - seen @ size, np.nan)
+        was = np.zeros(before.kept.shape)
+        was[before.kept] = np.where(mine, y, np.nan)
+        made.append(HeldOutCycle(cycle=k + 1, before=_scaled(before, was),
+                                 after=_scaled(before, rest)))  # fmt: skip
+    return tuple(made)
+
+
+def _scaled(one: FilterProblem, normalised: FloatArray) -> dict[str, float]:
+    """Return the rms by channel of normalised innovations, NaN ones left out, in SI."""
+    settled = _settled(one) & np.isfinite(normalised)
+    square = normalised**2 * one.found.filtered.variance
+    return {
+        one.row_names[k]: float(np.sqrt(np.mean(square[settled[:, k], k])))
+        for k in one.rows
+        if settled[:, k].any()
+    }
+
+
+def _foreseen(
+    source: RigSource, view: View, before: FilterProblem
+) -> tuple[tuple[str, ...], dict[str, tuple[float, str]]]:
+    """Return what the run cannot show, and the smallest size of the rest that can be named."""
+    foresight = foresee(view, view.problem.candidates)
+    recorded = {e.name for e in source.shown}
+    unrecorded = [e.name for e in source.effects if e.name not in recorded]
+    smallest: dict[str, tuple[float, str]] = {}
+    for name, strength in zip(foresight.names, foresight.strength.tolist(), strict=True):
+        if strength > 0.0:
+            smallest[name] = (NAMEABLE_D / strength, before.unit_of(BY_NAME[name]))
+    return (*foresight.invisible, *unrecorded), smallest
+
+
+def _experiment(result: SearchResult, verdict: Judgement, invisible: tuple[str, ...]) -> str | None:
+    """Say what would settle what is open."""
+    open_names = [n for s in result.slots if len(s.alias) > 1 for n in s.alias]
+    if verdict.verdict == "alias":
+        return "; ".join(f"{n}: {BY_NAME[n].experiment}" for n in dict.fromkeys(open_names))
+    if verdict.verdict.startswith("unexplained"):
+        return "repeat the same programme: what comes again belongs to the model, the rest does not"
+    if invisible:
+        return "; ".join(f"{n}: {BY_NAME[n].experiment}" for n in invisible)
+    return None

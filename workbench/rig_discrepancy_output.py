@@ -1,0 +1,100 @@
+"""The verdict on a rig run told: as JSON, in words, and as the larger model's groups."""
+
+from collections.abc import Iterator
+from typing import Any
+
+from rich.console import RenderableType
+
+from sinscal.discrepancy import RigDiscrepancy
+from workbench.console import number, table
+from workbench.discrepancy_output import VERDICT_WORDS
+
+
+def where_words(d: RigDiscrepancy) -> str:
+    """Say in words which factor carries the excess."""
+    if d.where is None:
+        return "The innovations are what the noise stated makes."
+    return f"The excess of the innovations follows {d.where.name} most closely."
+
+
+def rig_document(d: RigDiscrepancy) -> dict[str, Any]:
+    """Return what `discrepancy rig --json` writes."""
+    return {
+        "verdict": d.verdict,
+        "mode": d.source.mode,
+        "effects": [
+            {
+                "name": e.effect.name,
+                "parameters": {
+                    n: {"value": p.value, "sigma": p.sigma, "unit": p.unit}
+                    for n, p in e.parameters.items()
+                },
+                "strength_d": e.strength_d,
+                "p_value": e.p_value,
+                "sentence": e.effect.sentence,
+            }
+            for e in d.effects
+        ],
+        "alias_sets": [list(s) for s in d.alias_sets],
+        "where": {"factor": d.where.name if d.where else None, "text": where_words(d)},
+        "rms_before_si": d.rms_before,
+        "rms_after_si": d.rms_after,
+        "floor_si": d.floor,
+        "heldout": {
+            "runs": [
+                {"cycle": h.cycle, "before_si": h.before, "after_si": h.after} for h in d.heldout
+            ]
+        },
+        "invisible": list(d.invisible),
+        "smallest_nameable": {
+            n: {"value": v, "unit": u} for n, (v, u) in d.smallest_nameable.items()
+        },
+        "next_experiment": {"text": d.experiment} if d.experiment else None,
+        "explained_share": d.judgement.explained_share,
+        "factors": [
+            {"factor": f.name, "excess_chi2": f.excess, "p_value": f.p_value}
+            for f in d.judgement.rest
+        ],
+        "rivals": [
+            {s.choice.name: [{"name": n, "below": b} for n, b in s.rivals[:4]]}
+            for s in d.result.slots
+        ],
+    }
+
+
+def rig_text(d: RigDiscrepancy) -> Iterator[RenderableType]:
+    """Tell the verdict in words and tables."""
+    yield VERDICT_WORDS[d.verdict]
+    yield where_words(d)
+    for e in d.effects:
+        strength, p = number(e.strength_d, 3), number(e.p_value, 2)
+        yield f"{e.effect.name}: {e.effect.sentence} Strength {strength}, p {p}"
+    for s in d.alias_sets:
+        yield f"This run cannot tell apart: {', '.join(s)}."
+    if d.effects:
+        made = table("parameter", "value", "sigma", "unit", right=("value", "sigma"))
+        for e in d.effects:
+            for name, p in e.parameters.items():
+                made.add_row(name, number(p.value), number(p.sigma, 2), p.unit)
+        yield made
+    names = ("before", "after", "noise alone")
+    gaps = table("innovations, rms (m/s², rad)", *names, right=names)
+    for name, floor in d.floor.items():
+        row = (d.rms_before.get(name, float("nan")), d.rms_after[name], floor)
+        gaps.add_row(name, *(number(v, 3) for v in row))
+    yield gaps
+    if d.invisible:
+        yield f"This run cannot show at all: {', '.join(d.invisible)}."
+    if d.experiment:
+        yield f"Next experiment: {d.experiment}."
+
+
+def enlarged(d: RigDiscrepancy) -> str:
+    """Return TOML: the groups that `rig calibrate --groups` takes, and what was found."""
+    groups = [f'"{g}"' for e in d.effects for g in e.effect.groups]
+    lines = [f'mode = "{d.source.mode}"', f"groups = [{', '.join(groups)}]", ""]
+    for e in d.effects:
+        lines += [f"# {e.effect.sentence}", f"[effects.{e.effect.name}]"]
+        lines += [f"{n} = {p.value:.9g} # sigma {p.sigma:.2g} {p.unit}"
+                  for n, p in e.parameters.items()]  # fmt: skip
+    return "\n".join(lines) + "\n"
