@@ -14,6 +14,7 @@ Willsky, A. S. and Jones, H. L. (1976), A generalized likelihood ratio approach 
 estimation of jumps in linear systems, IEEE Trans. AC-21, for the signatures.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numba
@@ -50,6 +51,17 @@ class Steps:
     r: FloatArray
     phi: FloatArray
     q: FloatArray
+
+
+def joined(parts: Sequence[Steps]) -> Steps:
+    """Return steps of the same states and measurements, one part after another."""
+    return Steps(
+        h=np.concatenate([p.h for p in parts]),
+        z=np.concatenate([p.z for p in parts]),
+        r=np.concatenate([p.r for p in parts]),
+        phi=np.concatenate([p.phi for p in parts]),
+        q=np.concatenate([p.q for p in parts]),
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

@@ -6,7 +6,7 @@ calibrates, the second is navigated again with the estimates taken out of its se
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -19,8 +19,9 @@ from sinscal.navigation import NavCalibration, NavNoise, calibrate_navigation, p
 from sinscal.priors import PriorFile, make_prior
 from sinscal.programme import Programme, experiment_programme
 from sinscal.residual_errors import at_rest
+from sinscal.rig_compensation import compensate_run
 from sinscal.run import NavRun, RigRun
-from sinscal.sensors import Motion, SensorModel, as_vector, rate_derivative, sensor_model
+from sinscal.sensors import SensorModel, as_vector, sensor_model
 from sinscal.simulate import SensorNoise, simulate_rig
 
 RATE_HZ = 20.0
@@ -96,7 +97,7 @@ def navigation_experiment(seed: int, programme: Programme | None = None) -> Expe
     before, raw = _navigated(true, sensors, later, rng)
     noise = NavNoise(gyro=NOISE.gyro, accel=NOISE.accel)
     found = calibrate_navigation(first, sensors=sensors, prior=prior, noise=noise)
-    again = _compensated(raw, sensors, found.values)
+    again = compensate_run(raw, sensors, found.values)
     left = as_vector(sensors, later) - found.values
     starts = [_aligned(c, true.site, sensors, left) for c in true.cycles]
     after = navigate_rig(again, starts, output_step_s=OUTPUT_S)
@@ -129,18 +130,3 @@ def _aligned(
     rest = at_rest(c_bn @ site.earth_rate, c_bn @ np.array([0.0, 0.0, site.gravity_m_s2]))
     gyro, accel = sensors.measured(rest, errors)
     return align(gyro[0], accel[0])
-
-
-def _compensated(raw: RigRun, sensors: SensorModel, values: FloatArray) -> RigRun:
-    gyro, accel = np.array(raw.gyro), np.array(raw.accel)
-    for rows in raw.cycles:
-        motion = Motion(
-            time_s=raw.time_s[rows],
-            step_s=raw.step_s[rows],
-            w=raw.gyro[rows],
-            f=raw.accel[rows],
-            dw=rate_derivative(raw.gyro[rows], raw.step_s[rows]),
-        )
-        true = sensors.corrected(motion, values)
-        gyro[rows], accel[rows] = true.w, true.f
-    return replace(raw, gyro=gyro, accel=accel)

@@ -13,7 +13,7 @@ import numpy as np
 
 from errormodel.arrays import FloatArray, IntArray
 from errormodel.errors import InputError
-from errormodel.filtering import NO_GATE, Filtered, Steps, run_filter
+from errormodel.filtering import NO_GATE, Filtered, Steps, joined, run_filter
 from errormodel.kalman import State, initial_state
 from sinscal.attitude import rotation, rotvec_of, skew
 from sinscal.earth import radii_m
@@ -261,13 +261,7 @@ def nav_steps(
         count = rows.stop - rows.start
         cycle_of_step += [-1] + [k] * (count)
         times.append(np.concatenate([run.time_s[rows][:1], run.time_s[rows]]))
-    steps = Steps(
-        h=np.concatenate([p.h for p in parts]),
-        z=np.concatenate([p.z for p in parts]),
-        r=np.concatenate([p.r for p in parts]),
-        phi=np.concatenate([p.phi for p in parts]),
-        q=np.concatenate([p.q for p in parts]),
-    )
+    steps = joined(parts)
     return steps, np.array(cycle_of_step), np.concatenate(times)
 
 

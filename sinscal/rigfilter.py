@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from errormodel.arrays import FloatArray, IntArray
-from errormodel.filtering import Steps
+from errormodel.filtering import Steps, joined
 from sinscal.attitude import rotation, skew
 from sinscal.integrate import Intervals, attitudes, interval_rows, sum_intervals
 from sinscal.layout import RigLayout
@@ -187,13 +187,7 @@ def make_steps(
     for k, cycle in enumerate(cycles):
         parts.append(_restart(layout, k))
         parts.append(_cycle_steps(cycle, sensors, nominal, layout, noise, gravity_m_s2, k))
-    return Steps(
-        h=np.concatenate([p.h for p in parts]),
-        z=np.concatenate([p.z for p in parts]),
-        r=np.concatenate([p.r for p in parts]),
-        phi=np.concatenate([p.phi for p in parts]),
-        q=np.concatenate([p.q for p in parts]),
-    )
+    return joined(parts)
 
 
 def _measurements(layout: RigLayout) -> int:
