@@ -183,16 +183,20 @@ class ErrorModel:
         gain, factor, measured = self._factors(design, values)
         by_gain = [(factor * measured)[:, None]] if self.coefficients_in("gain") else []
         by_scale = (gain * measured)[:, None] * design.scale
-        by_input = (gain * factor)[:, None] * design.input
-        return gain * factor * measured, np.hstack([*by_gain, by_scale, by_input])
+        plain = not by_gain and design.scale.shape[1] == 0
+        by_input = design.input if plain else (gain * factor)[:, None] * design.input
+        return gain * factor * measured, _side_by_side([*by_gain, by_scale, by_input], len(record))
 
     def _factors(self, design: Design, values: Values) -> tuple[float, FloatArray, FloatArray]:
-        """Return the three factors of the output: gain, 1 + Σ scale, base + Σ input."""
+        """Return the three factors of the output: gain, 1 + Σ scale, base + Σ input.
+
+        Without scale terms the second is a single one.
+        """
         gain, scale, inputs = (
             np.array([values[c.name] for c in self.coefficients_in(place)])
             for place in ("gain", "scale", "input")
         )
-        factor = 1.0 + design.scale @ scale
+        factor = 1.0 + design.scale @ scale if scale.size else np.ones(1)
         return (float(gain[0]) if gain.size else 1.0), factor, design.base + design.input @ inputs
 
     def product_weights(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -229,4 +233,7 @@ class ErrorModel:
 
 def _side_by_side(blocks: list[FloatArray], n: int) -> FloatArray:
     """Return blocks of columns of n rows as one; a single block is not copied."""
-    return blocks[0] if len(blocks) == 1 else np.hstack([np.zeros((n, 0)), *blocks])
+    filled = [b for b in blocks if b.shape[1]]
+    if not filled:
+        return np.zeros((n, 0))
+    return filled[0] if len(filled) == 1 else np.hstack(filled)
