@@ -143,11 +143,11 @@ class SensorModel:
 
     def errors(self, motion: Motion, values: FloatArray) -> FloatArray:
         """Compute measured minus true of the six sensors, SI, shape (n, 6)."""
-        out = np.zeros((len(motion), 6))
+        rows = np.empty((6, len(motion)))  # what concerns a sensor is in one piece of memory
         for k, (c, record) in enumerate(self._records(motion)):
             mine = dict(zip(c.model.names, values[self.places[k]].tolist(), strict=True))
-            out[:, k] = c.unit * (c.model.simulate(record, mine) - record[c.model.base])
-        return out
+            rows[k] = c.unit * (c.model.simulate(record, mine) - record[c.model.base])
+        return rows.T
 
     def measured(self, motion: Motion, values: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Compute what sensors without noise measure: rates and forces, each (n, 3)."""
@@ -161,16 +161,17 @@ class SensorModel:
         step leaves about the same share of what it found, and the last is not looked at again.
         """
         inverse, offset = self._at_rest(motion, values)
-        measured = np.hstack([motion.w, motion.f])
-        true = _moved_to(motion, (measured - offset) @ inverse.T)
+        measured = np.array([*motion.w.T, *motion.f.T])
+        now = inverse @ (measured - offset[:, None])
+        true = _moved_to(motion, now)
         before = 0.0
         for _ in range(INVERSE_STEPS):
-            now = np.hstack([true.w, true.f])
-            left = measured - now - self.errors(true, values)
-            size = float(np.max(np.abs(left) * LEFT_WEIGHTS, initial=0.0))
+            left = measured - now - self.errors(true, values).T
+            size = float(np.max(np.abs(left).max(axis=1, initial=0.0) * LEFT_WEIGHTS))
             if size < LEFT:
                 break
-            true = _moved_to(motion, now + left @ inverse.T)
+            now = now + inverse @ left
+            true = _moved_to(motion, now)
             if before and size * size / before < LEFT:
                 break
             before = size
@@ -267,10 +268,10 @@ class SensorModel:
         return own
 
 
-def _moved_to(motion: Motion, wf: FloatArray) -> Motion:
-    """Return a motion with other rates and forces, shape (n, 6)."""
-    w = wf[:, :3]
-    return replace(motion, w=w, f=wf[:, 3:], dw=rate_derivative(w, motion.step_s))
+def _moved_to(motion: Motion, rows: FloatArray) -> Motion:
+    """Return a motion with other rates and forces, shape (6, n)."""
+    w = rows[:3].T
+    return replace(motion, w=w, f=rows[3:].T, dw=rate_derivative(w, motion.step_s))
 
 
 def ends_of(values: FloatArray, at_start: NDArray[np.bool_]) -> FloatArray:
