@@ -11,7 +11,6 @@ from typing import cast
 import numpy as np
 
 from errormodel.arrays import FloatArray, freeze, readonly
-from errormodel.errors import InputError
 from errormodel.filtering import covariance_share, run_filter
 from errormodel.kalman import State, initial_state
 from sinscal.calibrate import Mode, RigCalibration, calibrate
@@ -21,6 +20,8 @@ from sinscal.combined import (
     chamber_names,
     combined_prior,
     combined_sensors,
+    reference_name,
+    within_range,
 )
 from sinscal.contradiction import ChamberTest, compare_with_chamber
 from sinscal.earth import A_M
@@ -53,7 +54,8 @@ class Combination:
     names, values, cov
         At the reference temperature, in the rig's names, SI.
     prior_pull : mapping of str to float
-        By how many of the chamber's own sigmas each of its coefficients was moved.
+        By how many of the chamber's own sigmas each of its coefficients was moved, by its name at
+        the reference temperature.
     prior_kept : mapping of str to float
         Sigma after over sigma before, of each.
     test : ChamberTest
@@ -117,8 +119,7 @@ def combine(
     InputError
         If the run has no temperatures, or the models do not fit together.
     """
-    if run.temp_c is None:
-        raise InputError(run.source, "temp_c", "missing; a combined calibration needs temperatures")
+    run = within_range(run, [c.valid_c for c in chambers])
     groups = (*groups, TIME_OFFSET) if mode == "precise" else groups
     sensors = combined_sensors(chambers, groups)
     prior = combined_prior(sensors, chambers, file=priors, turn_on=turn_on)
@@ -213,8 +214,9 @@ def _pulls(
         i = sensors.names.index(name)
         sigma = float(np.sqrt(prior.cov[i, i]))
         if sigma > 0.0:
-            pull[name] = (ended.value(name) - float(prior.values[i])) / sigma
-            kept[name] = ended.sigma(name) / sigma
+            told = reference_name(name)
+            pull[told] = (ended.value(name) - float(prior.values[i])) / sigma
+            kept[told] = ended.sigma(name) / sigma
     return pull, kept
 
 

@@ -1,5 +1,6 @@
 """Combined calibrations are judged by the truth, by their covariance, and by what they replace."""
 
+import logging
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +11,7 @@ from sinscal.combine import Combination, combine
 from sinscal.combined import at_reference
 from tests.sinscal.combine_example import CombinedTwin, make_combined_twin
 
+LOG = logging.getLogger(__name__)
 LONG_S = 900.0  # a cycle, in which the SINS warms by some 10 °C: that of the article
 HZ = 25.0  # the noise is of a density: half the rows say the same in half the time
 Made = list[tuple[CombinedTwin, Combination]]
@@ -62,24 +64,25 @@ def test_combined_agrees_with_its_covariance_and_beats_no_thermal_model() -> Non
 @pytest.mark.slow
 @pytest.mark.timeout(3600)
 def test_acceptance_over_fifty_seeds() -> None:
-    """The issue's own words; its figures are printed (`pytest -s`)."""
+    """The issue's own words; its figures are logged (`--log-cli-level=INFO`)."""
     made = campaign(range(100, 150), LONG_S)
     thermal = thermal_sigmas(made)
-    print("thermal error over the run in calibration sigmas, rms:", thermal)
+    LOG.info("thermal error over the run in calibration sigmas, rms: %s", thermal)
     assert min(thermal.values()) >= 30.0
     assert_consistent(made)
     # false alarms of one in a thousand each: more than one in fifty happens once in 800 campaigns
     assert sum(bool(one.test.contradictions) for _, one in made) <= 1
     total, dof = sum(one.test.chi2 for _, one in made), sum(one.test.dof for _, one in made)
-    print(f"rig against chamber: χ² {total:.0f} of {dof}")
+    LOG.info("rig against chamber: χ² %.0f of %d", total, dof)
     assert 0.001 < chi2.sf(total, dof) < 0.999
     for part in ("accel_bias", "accel_scale"):
         rms = rms_errors(made, part)
-        print(part, rms)
+        LOG.info("%s: rms errors %s", part, rms)
         assert rms["combined"] <= 0.1 * rms["no_thermal"], rms
         assert rms["combined"] <= rms["before"], rms
     for case in ("no_thermal", "before", "combined"):
-        print(f"ρ after 1 h, {case}: median {np.median([m.flight_m[case] for _, m in made]):.0f} m")
+        rho_m = float(np.median([m.flight_m[case] for _, m in made]))
+        LOG.info("ρ after 1 h, %s: %.0f m in the median", case, rho_m)
 
 
 @pytest.mark.slow
