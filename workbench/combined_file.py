@@ -19,6 +19,7 @@ from sinscal.combined import ChamberModel, at_reference, combined_sensors, from_
 from sinscal.judged import Judged
 from sinscal.observability import observability
 from sinscal.priors import group_of
+from sinscal.rehearsal import Rehearsal
 from sinscal.resultcontent import MOUNT, Estimates, result_content
 from sinscal.resultfile import (
     Finite,
@@ -48,6 +49,9 @@ UNITS = (
     "as beside each parameter: SI for the SINS's, the chamber's reported units for coefficients "
     "over temperature; covariance and prior in the same"
 )
+
+
+AT_REFERENCE = {f"accel_bias_{a}": "m/s²" for a in AXES} | {f"accel_scale_{a}": "1" for a in AXES}
 
 
 class _Part(BaseModel):
@@ -168,17 +172,29 @@ def combined_estimates(made: Combination) -> Estimates:
     prior = found.prior
     _, mean, cov = at_reference(sensors.names, prior.values, prior.cov, sensors.gravity_m_s2)
     mounts = len(made.names) - mean.size
-    units = sensors.units
-    at_ref = {f"accel_bias_{a}": "m/s²" for a in AXES} | {f"accel_scale_{a}": "1" for a in AXES}
+    units = sensors.units | AT_REFERENCE
     return Estimates(
         names=made.names,
         values=made.values * scale,
         cov=made.cov * np.outer(scale, scale),
-        units={n: at_ref.get(n) or units.get(n, "rad") for n in made.names},
+        units={n: units.get(n, "rad") for n in made.names},
         prior_mean=np.append(mean, np.zeros(mounts)) * scale,
         prior_sigma=np.append(np.sqrt(np.diag(cov)), np.full(mounts, prior.mount_sigma_rad))
         * scale,
     )
+
+
+def told_truth(made: Rehearsal) -> dict[str, dict[str, float | str]]:
+    """Return the true errors of a simulated run in the names and units of a calibration."""
+    names = tuple(made.values)
+    values = np.array([made.values[n] for n in names])
+    none = np.zeros((values.size, values.size))
+    told, at_ref, _ = at_reference(names, values, none, made.sensors.gravity_m_s2)
+    factors, units = reported_factors(made.sensors), made.units | AT_REFERENCE
+    return {
+        n: {"value": float(v) * factors.get(n, 1.0), "unit": units[n]}
+        for n, v in zip(told, at_ref, strict=True)
+    }
 
 
 def make_combined(

@@ -7,8 +7,6 @@ import click
 import numpy as np
 
 from errormodel.atomic import write_files
-from errormodel.errors import InputError
-from errormodel.model import ErrorModel
 from sinscal.combine import Combination
 from sinscal.combine import combine as combine_run
 from sinscal.combined import ChamberModel
@@ -19,7 +17,8 @@ from sinscal.recording import read_rig_run
 from sinscal.resultfile import dump_result
 from sinscal.run import RigRun
 from sinscal.terms import BASIC
-from thermo.modelfile import AccelerometerModel, ModelFile, read_model, reporting_factors
+from thermo.modelfile import ModelFile, read_model
+from workbench.chamber_models import chamber_model, three_serials
 from workbench.combine_output import combined_text
 from workbench.combined_file import CombinedResult, make_combined
 from workbench.console import emit, show_warnings_at_once
@@ -137,44 +136,6 @@ def _report_files(
 
 def _chambers(model: ModelFile, asked: str | None) -> list[ChamberModel]:
     """Return the chamber models of x, y, z."""
-    serials = (
-        [s.strip() for s in asked.split(",")] if asked else [a.serial for a in model.accelerometers]
-    )
-    if len(serials) != 3 or len(set(serials)) != 3:
-        raise click.UsageError(
-            f"--accelerometers: {len(serials)} serial numbers ({', '.join(serials)}), "
-            "expected three different ones, of x, y, z"
-        )
+    names = asked or ",".join(a.serial for a in model.accelerometers)
+    serials = three_serials(names)
     return [chamber_model(model.of(serial)) for serial in serials]
-
-
-def chamber_model(one: AccelerometerModel) -> ChamberModel:
-    """Return a fitted model as the rig takes it: in the model's own units.
-
-    What belonged to the fitted runs or moments alone is left out: on the rig it is not.
-
-    Raises
-    ------
-    InputError
-        If the accelerometer was fitted without known inputs.
-    """
-    if not one.has_input:
-        raise InputError(
-            f"serial {one.serial}", "has_input",
-            "false: its scale factor is not known; expected a fit of readings at known positions",
-        )  # fmt: skip
-    whole = one.error_model()
-    model = ErrorModel(tuple(t for t in whole.terms if t.predictive))
-    at = [one.names.index(n) for n in model.names]
-    factors = reporting_factors(model, one.nominal_scale)
-    scale = np.array([factors[n] for n in model.names])
-    values = one.values()
-    return ChamberModel(
-        serial=one.serial,
-        model=model,
-        values=np.array([values[n] for n in model.names]),
-        cov=np.array(one.covariance)[np.ix_(at, at)] / np.outer(scale, scale),
-        gravity_m_s2=one.gravity_m_s2,
-        t_ref_c=one.t_ref_c,
-        valid_c=one.valid_c,
-    )
