@@ -131,7 +131,7 @@ def combine(
     ended = solve("rig and chamber", sensors, prior)
     wide_cov = _wide(prior, sensors, chambers).cov
     values, cov = _rig_alone(ended, wide_cov)
-    test = compare_with_chamber(sensors, chambers, _thinned(run), values, cov, wide_cov)
+    test = compare_with_chamber(sensors, chambers, _thinned(run), values, cov, wide_cov, prior.cov)
     before = solve("chamber's model beforehand", sensors, _beforehand(prior, sensors, chambers))
     own = sensor_model(groups, t_ref_c=sensors.t_ref_c, gravity_m_s2=sensors.gravity_m_s2)
     plain = solve("without temperature", own, None)

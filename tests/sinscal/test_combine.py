@@ -9,6 +9,8 @@ from scipy.stats import chi2
 
 from sinscal.combine import Combination, combine
 from sinscal.combined import at_reference
+from sinscal.priors import PriorFile
+from sinscal.terms import BASIC
 from tests.sinscal.combine_example import CombinedTwin, make_combined_twin
 
 LOG = logging.getLogger(__name__)
@@ -59,6 +61,48 @@ def test_combined_agrees_with_its_covariance_and_beats_no_thermal_model() -> Non
         assert max(one.prior_kept.values()) <= 1.0 + 1e-6  # data never widen: rounding alone
     scale = rms_errors(made, "accel_scale")
     assert scale["combined"] < 0.1 * scale["no_thermal"]
+
+
+def test_the_rig_s_angle_joins_in() -> None:
+    twin = make_combined_twin(3, hz=HZ, angle=True)
+    one = combine(twin.run, twin.chambers, "precise")
+    assert_consistent([(twin, one)])
+    assert one.test.contradictions == ()
+    assert {"rig_time_offset", "rig_mount_x"} < {*one.names}
+    coarse = combine(twin.run, twin.chambers)
+    gyros = [n for n in coarse.names if n.startswith("gyro_")]
+    assert all(one.calibration.sigma(n) < coarse.calibration.sigma(n) for n in gyros)
+
+
+def test_groups_are_estimated_beside_the_chamber_s_coefficients() -> None:
+    """What is the chamber's own (the bias over temperature) is not estimated twice."""
+    more = ("gyro_g_sensitivity", "gyro_temperature_drift", "accel_temperature_bias")
+    twin = make_combined_twin(6, hz=HZ, groups=more)
+    one = combine(twin.run, twin.chambers, groups=(*BASIC, *more))
+    assert_consistent([(twin, one)])
+    assert {"gyro_g_sensitivity_xy", "gyro_temperature_drift_z"} < {*one.names}
+    assert "accel_temperature_bias_x" not in one.names
+
+
+def test_priors_of_the_rig_are_taken() -> None:
+    """A gyro's bias that is known better beforehand than the rig can see it stays there."""
+    twin = make_combined_twin(7, hz=HZ)
+    bias = twin.truth["gyro_bias_x"]
+    known = PriorFile(sigma={"gyro_bias_x": 1e-10}, mean={"gyro_bias_x": bias})
+    one = combine(twin.run, twin.chambers, priors=known)
+    assert_consistent([(twin, one)])
+    assert one.calibration.sigma("gyro_bias_x") <= 1e-10
+    assert abs(one.calibration.value("gyro_bias_x") - bias) < 5e-10
+
+
+def test_a_change_since_the_chamber_contradicts_unless_it_was_allowed_for() -> None:
+    changed = {"k0": 50e-6, "k1": 30e-6}
+    twin = make_combined_twin(5, hz=HZ, turn_on=changed)
+    untold = combine(twin.run, twin.chambers).test
+    assert "no exchange of serial numbers and no thermistor offset" in untold.contradictions[0]
+    told = combine(twin.run, twin.chambers, turn_on=changed)
+    assert told.test.contradictions == ()
+    assert_consistent([(twin, told)])
 
 
 @pytest.mark.slow
