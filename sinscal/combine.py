@@ -38,6 +38,7 @@ from sinscal.trajectory import FlightPlan
 # units: spreads between units of one type (assumed, from common data sheets).
 WIDE = {"k0": 5e-3, "k1": 2e-2, "k0_t": 50e-6, "k1_t": 300e-6}
 WIDE_FACTOR = 100.0  # of the chamber's sigma, for what is not among them
+ZERO_AND_SCALE = ("accel_bias", "accel_scale")
 THIN_ROWS = 2000  # of each cycle, for what a thermistor's offset would do
 
 Tell = Callable[[str], None]
@@ -124,15 +125,17 @@ def combine(
     sensors = combined_sensors(chambers, groups)
     prior = combined_prior(sensors, chambers, file=priors, turn_on=turn_on)
 
-    def solve(what: str, own: SensorModel, known: RigPrior | None) -> RigCalibration:
+    def solve(what: str, own: SensorModel, expected: RigPrior | None) -> RigCalibration:
         tell(what)
-        return calibrate(run, mode, sensors=own, prior=known, noise=noise)
+        return calibrate(run, mode, sensors=own, prior=expected, noise=noise)
 
     ended = solve("rig and chamber", sensors, prior)
     wide_cov = _wide(prior, sensors, chambers).cov
     values, cov = _rig_alone(ended, wide_cov)
     test = compare_with_chamber(sensors, chambers, _thinned(run), values, cov, wide_cov, prior.cov)
-    before = solve("chamber's model beforehand", sensors, _beforehand(prior, sensors, chambers))
+    held = combined_sensors(chambers, groups, twice=ZERO_AND_SCALE)
+    known = combined_prior(held, chambers, file=priors, turn_on=turn_on)
+    before = solve("chamber's model beforehand", held, _held(known, held, chambers))
     own = sensor_model(groups, t_ref_c=sensors.t_ref_c, gravity_m_s2=sensors.gravity_m_s2)
     plain = solve("without temperature", own, None)
     tell("flight")
@@ -148,7 +151,7 @@ def combine(
         test=test,
         before=before,
         plain=plain,
-        flight_m=_flights(run, ended, before, plain, prior, plan or FlightPlan()),
+        flight_m=_flights(run, ended, before, plain, known, plan or FlightPlan()),
     )
 
 
@@ -178,19 +181,15 @@ def _rig_alone(ended: RigCalibration, wide_cov: FloatArray) -> tuple[FloatArray,
     return ended.nominal.values + state.x[unknown], state.cov[unknown, unknown]
 
 
-def _beforehand(
-    prior: RigPrior, sensors: SensorModel, chambers: Sequence[ChamberModel]
-) -> RigPrior:
+def _held(known: RigPrior, sensors: SensorModel, chambers: Sequence[ChamberModel]) -> RigPrior:
     """Return the prior of who applies the chamber's model beforehand and then asks the rig.
 
-    The rig's own wide priors for zero and scale errors; the rest of the chamber's is left as it is.
+    The chamber's model is taken for exact; zero and scale errors are those that are left of it.
     """
-    cov = prior.cov.copy()
-    for name in chamber_names(sensors, chambers):
-        i = sensors.names.index(name)
-        cov[i, :], cov[:, i] = 0.0, 0.0
-        cov[i, i] = WIDE.get(name.rpartition("_")[0], 0.0) ** 2
-    return replace(prior, cov=cov)
+    at = [sensors.names.index(n) for n in chamber_names(sensors, chambers)]
+    cov = known.cov.copy()
+    cov[at, :], cov[:, at] = 0.0, 0.0
+    return replace(known, cov=cov)
 
 
 def _thinned(run: RigRun) -> list[Motion]:
@@ -225,23 +224,27 @@ def _flights(
     ended: RigCalibration,
     before: RigCalibration,
     plain: RigCalibration,
-    prior: RigPrior,
+    known: RigPrior,
     plan: FlightPlan,
 ) -> dict[str, float]:
     """Return ρ at the end of a flight for the three calibrations.
 
     What the plain one leaves is taken from the combined one: how the two differ over the flight.
+    The sensors are those of the calibration beforehand, which have all unknowns of the others.
     """
-    sensors, count = ended.sensors, len(ended.sensors.names)
+    sensors, count = before.sensors, len(before.sensors.names)
+    at = [sensors.names.index(n) for n in ended.sensors.names]
+    values = np.zeros(count)
+    values[at] = ended.values[: len(at)]
     warm = _warming(run)
 
     def columns(motion: Motion) -> FloatArray:
         warmed = replace(motion, temp_c=warm(motion.time_s - motion.time_s[0]))
         out = np.zeros((len(motion), 6, count + 1))
-        block = sensors.columns(warmed, ended.values[:count])
+        block = sensors.columns(warmed, values)
         for j in range(block.shape[1]):
             out[:, sensors.owner[j], j] = block[:, j]
-        total = sensors.errors(warmed, ended.values[:count])
+        total = sensors.errors(warmed, values)
         by_plain = plain.sensors.errors(warmed, plain.values[: len(plain.sensors.names)])
         out[:, :, count] = total - by_plain
         return out
@@ -257,15 +260,16 @@ def _flights(
         return float(np.sqrt(np.trace(own @ cov @ own.T) + more @ more))
 
     zero = np.zeros(2)
-    combined = ended.cov[:count, :count]
+    combined = np.zeros((count, count))
+    combined[np.ix_(at, at)] = ended.cov[: len(at), : len(at)]
     return {
         "no_thermal": rho(combined, left),
-        "before": rho(_true_cov(before, prior), zero),
+        "before": rho(_true_cov(before, known), zero),
         "combined": rho(combined, zero),
     }
 
 
-def _true_cov(before: RigCalibration, prior: RigPrior) -> FloatArray:
+def _true_cov(before: RigCalibration, known: RigPrior) -> FloatArray:
     """Return the covariance of a calibration that took the chamber's model for exact.
 
     Its gains are what they are; the chamber's own covariance is sent through them.
@@ -277,7 +281,7 @@ def _true_cov(before: RigCalibration, prior: RigPrior) -> FloatArray:
     unknown = layout.unknowns
     fixed = np.flatnonzero(np.diag(start.cov)[unknown] == 0.0)
     at = fixed + unknown.start
-    cov[np.ix_(at, at)] = prior.cov[np.ix_(fixed, fixed)]
+    cov[np.ix_(at, at)] = known.cov[np.ix_(fixed, fixed)]
     share = covariance_share(before.steps, gains, cov, before.steps.r, before.steps.q)
     return share[unknown, unknown]
 

@@ -70,7 +70,12 @@ class ChamberModel:
         )
 
 
-def combined_sensors(chambers: Sequence[ChamberModel], groups: Sequence[str]) -> SensorModel:
+def combined_sensors(
+    chambers: Sequence[ChamberModel],
+    groups: Sequence[str],
+    *,
+    twice: Sequence[str] = (),
+) -> SensorModel:
     """Return the sensors of a SINS with its accelerometers' chamber models.
 
     Parameters
@@ -80,6 +85,9 @@ def combined_sensors(chambers: Sequence[ChamberModel], groups: Sequence[str]) ->
     groups : sequence of str
         What the SINS adds (`sinscal.terms.GROUPS`); what stands for bias, scale factor and their
         temperature in an accelerometer is the chamber's and left out.
+    twice : sequence of str
+        Of these the groups that stay all the same: errors that are left of a chamber's model
+        which is held.
 
     Raises
     ------
@@ -89,7 +97,7 @@ def combined_sensors(chambers: Sequence[ChamberModel], groups: Sequence[str]) ->
     _check(chambers)
     first = chambers[0]
     sensors = sensor_model(groups, t_ref_c=first.t_ref_c, gravity_m_s2=first.gravity_m_s2)
-    more = [g for g in groups if g not in CHAMBERS_OWN]
+    more = [g for g in groups if g not in CHAMBERS_OWN or g in twice]
     for axis, chamber in enumerate(chambers):
         own = tuple(renamed(t, f"_{AXES[axis]}") for t in chamber.without_mounting().model.terms)
         added = (in_unit(t, chamber.gravity_m_s2) for t in terms_of(CHANNELS[3 + axis], more))
