@@ -153,12 +153,13 @@ def _best_exchange(
 ) -> tuple[float, str]:
     best = (np.inf, "")
     parts = [c.without_mounting() for c in chambers]
+    mine = [dict(zip(p.model.names, p.values.tolist(), strict=True)) for p in parts]
     for order in permutations(range(3)):
-        if order == (0, 1, 2) or any(
-            parts[k].model.names != parts[order[k]].model.names for k in range(3)
-        ):
+        if order == (0, 1, 2):
             continue
-        change = np.concatenate([parts[k].values for k in order]) - prior
+        # what the other's model does not have is zero in it; what only it has is left out
+        there = [mine[order[k]].get(n, 0.0) for k in range(3) for n in parts[k].model.names]
+        change = np.array(there) - prior
         value = comparison.chi2(change)
         if value < best[0]:
             moved = [k for k in range(3) if order[k] != k]

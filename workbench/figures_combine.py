@@ -25,6 +25,7 @@ from workbench.plotting import (
 
 SIGMAS = 3.0
 POINTS = 60
+MICRO = 1e6
 BAND = "#DCE6F0"
 CASES = {
     "no_thermal": "without thermal model",
@@ -63,17 +64,18 @@ def draw_temperature(run: RigRun) -> Picture:
 
 
 def _bias_and_scale(
-    model: ErrorModel, values: FloatArray, cov: FloatArray, x: FloatArray, at_ref: FloatArray
+    model: ErrorModel, values: FloatArray, cov: FloatArray, x: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return bias and slope over x = T − t_ref less `at_ref`'s there, and their sigmas, (n, 2)."""
+    """Return bias, µg, and slope, ppm, over x = T − t_ref, and their sigmas, each (n, 2)."""
     names = dict(zip(model.names, values.tolist(), strict=True))
     out, sigma = np.zeros((x.size, 2)), np.zeros((x.size, 2))
-    rest, bars = _at(model, x, 0.0), _at(model, x, 1.0)
-    by_rest, by_load = derivative(model, rest, names), derivative(model, bars, names)
-    low, high = model.simulate(rest, names), model.simulate(bars, names)
+    rest, loaded = _at(model, x, 0.0), _at(model, x, 1.0)
+    by_rest, by_load = derivative(model, rest, names), derivative(model, loaded, names)
+    low, high = model.simulate(rest, names), model.simulate(loaded, names)
     for k, (value, by) in enumerate(((low, by_rest), (high - low, by_load - by_rest))):
-        out[:, k] = value - at_ref[k]
-        sigma[:, k] = np.sqrt(np.maximum(np.einsum("np,pq,nq->n", by, cov, by), 0.0))
+        out[:, k] = MICRO * value
+        variance = np.einsum("np,pq,nq->n", by, cov, by)
+        sigma[:, k] = MICRO * np.sqrt(np.maximum(variance, 0.0))
     return out, sigma
 
 
@@ -89,8 +91,8 @@ def draw_models(made: Combination, run: RigRun, chambers: Sequence[ChamberModel]
     """Draw each accelerometer's errors over temperature: by the chamber, and combined."""
     assert run.temp_c is not None
     found = made.calibration
-    figure = new_figure(11.0, 5.6)
-    panels = figure.subplots(2, 3, squeeze=False, sharex=True)
+    figure = new_figure(11.0, 9.0)
+    panels = figure.subplots(4, 3, squeeze=False, sharex=True)
     handles: list[Any] = []
     for axis, given in enumerate(chambers):
         chamber = given.without_mounting()
@@ -99,38 +101,31 @@ def draw_models(made: Combination, run: RigRun, chambers: Sequence[ChamberModel]
         seen = run.temp_c[:, axis]
         temp_c = np.linspace(float(seen.min()), float(seen.max()), POINTS)
         x = temp_c - chamber.t_ref_c
-        zero, _ = _bias_and_scale(
-            chamber.model, found.values[at], found.cov[np.ix_(at, at)], np.zeros(2), np.zeros(2)
-        )
-        by_chamber, wide = _bias_and_scale(chamber.model, chamber.values, chamber.cov, x, zero[0])
-        joint, narrow = _bias_and_scale(
-            chamber.model, found.values[at], found.cov[np.ix_(at, at)], x, zero[0]
-        )
-        for k, size in enumerate((1e6, 1e6)):
-            panel = panels[k][axis]
-            band = panel.fill_between(
-                temp_c, *(size * (by_chamber[:, k] + s * wide[:, k]) for s in (-SIGMAS, SIGMAS)),
-                color=BAND, linewidth=0,
-            )  # fmt: skip
-            (line,) = panel.plot(temp_c, size * by_chamber[:, k], "--", color="#0072B2")
-            (both,) = panel.plot(temp_c, size * joint[:, k], color=COLOURS[0])
-            (edge,) = panel.plot(
-                temp_c, size * (joint[:, k] + SIGMAS * narrow[:, k]), ":", color=COLOURS[0]
-            )
-            panel.plot(temp_c, size * (joint[:, k] - SIGMAS * narrow[:, k]), ":", color=COLOURS[0])
-            handles = [line, band, both, edge]
-            what = ("bias, µg", "scale factor, ppm")[k]
-            dress(
-                panel,
-                title=f"{given.serial} on {AXES[axis]}" if k == 0 else "",
-                x="temperature, °C" if k == 1 else "",
-                y=what if axis == 0 else "",
-            )
-    labels = ["chamber", f"± {SIGMAS:g} sigma", "combined", f"combined ± {SIGMAS:g} sigma"]
-    legend_below(figure, handles, labels, enlarge=1.0)
+        before, wide = _bias_and_scale(chamber.model, chamber.values, chamber.cov, x)
+        cov = found.cov[np.ix_(at, at)]
+        joint, narrow = _bias_and_scale(chamber.model, found.values[at], cov, x)
+        zero, _ = _bias_and_scale(chamber.model, found.values[at], cov, np.zeros(2))
+        for k, what in enumerate(("bias, µg", "scale, ppm")):
+            whole, apart = panels[2 * k][axis], panels[2 * k + 1][axis]
+            whole.plot(temp_c, joint[:, k] - zero[0, k], color=COLOURS[0])
+            moved = before[:, k] - joint[:, k]
+            edges = [moved + s * SIGMAS * wide[:, k] for s in (-1.0, 1.0)]
+            band = apart.fill_between(temp_c, *edges, color=BAND, linewidth=0)
+            (line,) = apart.plot(temp_c, moved, "--", color="#0072B2")
+            (both,) = apart.plot(temp_c, 0.0 * moved, color=COLOURS[0])
+            for s in (-1.0, 1.0):
+                (edge,) = apart.plot(temp_c, s * SIGMAS * narrow[:, k], ":", color=COLOURS[0])
+                handles = [both, edge, line, band]
+            title = f"{given.serial} on {AXES[axis]}" if k == 0 else ""
+            dress(whole, title=title, y=what if axis == 0 else "")
+            label = "temperature, °C" if k == 1 else ""
+            dress(apart, x=label, y=f"difference, {what[-3:].strip(', ')}" if axis == 0 else "")
+    own = ["combined", f"combined ± {SIGMAS:g} sigma", "chamber", f"chamber ± {SIGMAS:g} sigma"]
+    legend_below(figure, handles, own, enlarge=1.0)
     caption = (
-        "Bias and scale factor over the temperatures of the run, less those of the combined "
-        "calibration at the reference temperature. A line outside the band is a contradiction."
+        "Bias and scale factor over the temperatures of the run, less those at the reference "
+        "temperature; below each how far the chamber's model is from the combined calibration. "
+        "A combined line outside the chamber's band is a contradiction."
     )
     return picture(figure, "models.png", caption)
 
