@@ -49,13 +49,16 @@ def shapes_allowed(problem: Problem, floor: NoiseFloor) -> tuple[NoiseShape, ...
     """Return the noise shapes that the data allow without an event, and beside each one.
 
     An event is first put where it is likeliest over shapes of every kind: a step that is off by a
-    minute leaves so much that only a noise which hides all steps would be allowed beside it.
+    minute leaves so much that only a noise which hides all steps would be allowed beside it. All
+    that repeats is taken off for that, lest what is missing of it pose as an event.
     """
-    everything = _with_base(problem, problem.saturated)
+    steady = independent(problem.saturated)
+    rest = problem.residual - steady @ (steady.T @ problem.residual)
+    passing = _with_base(problem, problem.base, rest)
     probes = _menu(problem.times, POWERS_TO_PLACE, 2)
     columns = [np.zeros((len(problem.times), 0))]
     for candidate in events_of(problem):
-        columns.append(columns_of(candidate.signature(placed(everything, probes, candidate).theta)))
+        columns.append(columns_of(candidate.signature(placed(passing, probes, candidate).theta)))
     judge = Restricted(problem.times, problem.saturated)
     menu = tuple(dict.fromkeys((*(s for _, s in floor.support), *_menu(problem.times, POWERS, 4))))
     beside = np.array(
@@ -79,10 +82,10 @@ def _menu(times: TimeBase, powers: Sequence[float], taus: int) -> tuple[NoiseSha
     )
 
 
-def _with_base(problem: Problem, base: FloatArray) -> Problem:
+def _with_base(problem: Problem, base: FloatArray, residual: FloatArray) -> Problem:
     return Problem(
         times=problem.times,
-        residual=problem.residual,
+        residual=residual,
         base=base,
         candidates=problem.candidates,
         saturated=base,
@@ -113,13 +116,13 @@ def _best_of(
     thetas: Sequence[Theta],
     signatures: Sequence[Signature],
 ) -> Placed:
-    points = [_fixed(s) for s in signatures]
+    points = [fixed(s) for s in signatures]
     ratios = event_ratios(problem, shapes, problem.residual[:, None], points)[:, 0]
     k = int(np.argmax(ratios))
     return Placed(theta=thetas[k], ratio=float(ratios[k]))
 
 
-def _fixed(signature: Signature) -> Candidate:
+def fixed(signature: Signature) -> Candidate:
     """Return a candidate that is one point."""
     return Candidate(name="", signature=lambda theta: signature)
 
@@ -158,7 +161,7 @@ def event_ratios(
     """
     events = events_of(problem) if candidates is None else tuple(candidates)
     judge = Restricted(problem.times, problem.base)
-    beside = _with_base(problem, judge.mean)
+    beside = _with_base(problem, judge.mean, problem.residual)
     without = np.full(residuals.shape[1], -np.inf)
     with_effect = np.full((len(events), residuals.shape[1]), -np.inf)
     for shape in shapes:
