@@ -146,8 +146,11 @@ class Search:
         ]
 
     def _enters(self, one: Ranked) -> bool:
-        event = one.found.candidate.event
-        return one.p_value < (self.rules.alpha_event if event else self.rules.alpha)
+        if not one.found.candidate.event:
+            return one.p_value < self.rules.alpha
+        wandering = self.floor.shape.family in ("walk", "flicker")
+        limit = self.rules.alpha_wandering if wandering else self.rules.alpha_event
+        return one.p_value < limit
 
     def _luck(self, name: str) -> float:
         return self.laws.gains[name].mean if name in self.laws.gains else 0.0
@@ -221,6 +224,9 @@ class Search:
             steady = [r for r in ranked if not r.found.candidate.event]
             ranked = [*self._events(view), *self._beside_own_noise(view, steady)]
             ranked = sorted(ranked, key=lambda r: -r.score)
+            able = (r for r in ranked if r.found.candidate.event or r.p_value < self.rules.alpha)
+            first = next(able)
+            ranked = [first, *(r for r in ranked if r is not first)]
         else:
             ranked = self._with_rich(view, ranked, present)
         ranked = _simplest_first(ranked)
@@ -230,15 +236,17 @@ class Search:
         p_value = ranked[0].p_value
         if best.candidate.event:
             p_value = self._entered.get(name, self._entered.get(present.name, 1.0))
-        event = best.candidate.event
-        limit = self.rules.alpha_event if event else self.rules.alpha
-        if p_value >= limit or (not event and ranked[0].score < self.rules.least):
+        # beside no other effect it stands as it entered
+        alone = best.candidate.event and not others
+        if not alone and ranked[0].score < self.rules.least:
+            return None
+        if not best.candidate.event and p_value >= self.rules.alpha:
             return None
         top = max(r.score for r in ranked)
         below = [(r.found.candidate.name, top - r.score) for r in ranked]
         return Slot(
             choice=Choice(name, best.theta, rich=present.rich and name == present.name),
-            gain=best.gain,
+            gain=_gain(view, best),
             p_value=p_value,
             rivals=tuple(below[1:]),
             alias=tuple(n for n, b in below if b < self.rules.alias),
@@ -266,6 +274,12 @@ class Search:
             grid_gain=max(plain.found.grid_gain, rich.grid_gain),
         )
         return Ranked(found, plain.score + rich.gain - plain.found.gain - 2.0 * more, plain.p_value)
+
+
+def _gain(view: View, one: Found) -> float:
+    """Return the chi-square that an effect explains under the view's noise."""
+    points = view.points([one.candidate.signature(one.theta)])
+    return float(view.gains(points, view.data[:, None])[0, 0])
 
 
 # Scores this close are a tie: the effect with fewer unknowns is put first.
