@@ -56,7 +56,7 @@ def shapes_allowed(problem: Problem, floor: NoiseFloor) -> tuple[NoiseShape, ...
     rest = problem.residual - steady @ (steady.T @ problem.residual)
     passing = _with_base(problem, problem.base, rest)
     probes = _menu(problem.times, POWERS_TO_PLACE, 2)
-    columns = [np.zeros((len(problem.times), 0))]
+    columns: list[FloatArray] = [np.zeros((len(problem.times), 0))]
     for candidate in events_of(problem):
         columns.append(columns_of(candidate.signature(placed(passing, probes, candidate).theta)))
     judge = Restricted(problem.times, problem.saturated)
