@@ -37,6 +37,7 @@ MOST_BESIDE = 5  # beside each event
 # them is looked for (a likelihood is some 30 % wide in the power).
 POWERS_TO_PLACE = (0.3, 10.0)
 POWERS = tuple(np.geomspace(0.02, 200.0, 12).tolist())
+PEAKS = 3  # of a grid, about which is looked more closely
 BETWEEN = 7  # points tried between neighbours of a grid
 
 
@@ -101,25 +102,35 @@ class Placed:
 
 
 def placed(problem: Problem, shapes: Sequence[NoiseShape], candidate: Candidate) -> Placed:
-    """Return where an event is likeliest: on its grid, then between the best's neighbours."""
-    best = _best_of(problem, shapes, candidate.grid, candidate.prepared())
-    about = _about(candidate, best.theta)
+    """Return where an event is likeliest: on its grid, then about the highest peaks on it.
+
+    The grid's best may lie where a run begins, a step there being free under slow noise; the
+    likelihood of a sharp step a minute away from its instant is no peak to rely on.
+    """
+    ratios = _ratios(problem, shapes, candidate.prepared())
+    k = int(np.argmax(ratios))
+    best = Placed(theta=candidate.grid[k], ratio=float(ratios[k]))
+    about = [t for peak in _peaks(ratios) for t in _about(candidate, candidate.grid[peak])]
     if not about:
         return best
-    finer = _best_of(problem, shapes, about, [candidate.signature(theta) for theta in about])
+    ratios = _ratios(problem, shapes, [candidate.signature(theta) for theta in about])
+    k = int(np.argmax(ratios))
+    finer = Placed(theta=about[k], ratio=float(ratios[k]))
     return finer if finer.ratio > best.ratio else best
 
 
-def _best_of(
-    problem: Problem,
-    shapes: Sequence[NoiseShape],
-    thetas: Sequence[Theta],
-    signatures: Sequence[Signature],
-) -> Placed:
+def _peaks(ratios: FloatArray) -> list[int]:
+    """Return the highest points that no neighbour surpasses."""
+    padded = np.concatenate([[-np.inf], ratios, [-np.inf]])
+    tops = np.flatnonzero((ratios >= padded[:-2]) & (ratios >= padded[2:]))
+    return tops[np.argsort(-ratios[tops])][:PEAKS].tolist()
+
+
+def _ratios(
+    problem: Problem, shapes: Sequence[NoiseShape], signatures: Sequence[Signature]
+) -> FloatArray:
     points = [fixed(s) for s in signatures]
-    ratios = event_ratios(problem, shapes, problem.residual[:, None], points)[:, 0]
-    k = int(np.argmax(ratios))
-    return Placed(theta=thetas[k], ratio=float(ratios[k]))
+    return event_ratios(problem, shapes, problem.residual[:, None], points)[:, 0]
 
 
 def fixed(signature: Signature) -> Candidate:
