@@ -35,7 +35,8 @@ ARCSEC = np.pi / 180.0 / 3600.0
 class EmulatedAccelerometer:
     """An accelerometer that is not there: its true model and its noise.
 
-    `values` are in the model's unit (g at the input); `nominal_scale` in output unit per g.
+    `values` are in the model's unit (g at the input); `nominal_scale` in output unit per g;
+    `turn_on_ug` is the sigma of what each power-on adds to the bias until the next.
     """
 
     model: ErrorModel
@@ -44,6 +45,7 @@ class EmulatedAccelerometer:
     white_ug: float = 5.0
     drift_ug: float = 3.0
     drift_tau_s: float = 3600.0
+    turn_on_ug: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -151,12 +153,14 @@ class _Unit:
         self.rng = rng
         self.memory: dict[str, Memory] = {}
         self.last: tuple[float, float] | None = None  # time, temperature
-        self.drift_g = 0.0
+        self.drift_g = self.turn_on_g = 0.0
         self.restart()
 
     def restart(self) -> None:
-        """Draw a new drift, as after power-on."""
+        """Draw a new drift and a new offset, as after power-on."""
         self.drift_g = 1e-6 * self.given.drift_ug * float(self.rng.standard_normal())
+        if self.given.turn_on_ug:
+            self.turn_on_g = 1e-6 * self.given.turn_on_ug * float(self.rng.standard_normal())
 
     def relive(self, time_s: FloatArray, inside_c: FloatArray) -> None:
         """Leave the memory as this past leaves it."""
@@ -194,7 +198,7 @@ class _Unit:
         self.drift_g = keep * self.drift_g + 1e-6 * self.given.drift_ug * kick
         self.last = (now_s, inside_c)
         white_g = 1e-6 * self.given.white_ug * float(self.rng.standard_normal())
-        return float(output[-1]) + self.drift_g + white_g
+        return float(output[-1]) + self.drift_g + self.turn_on_g + white_g
 
 
 class Twin:
