@@ -1,5 +1,6 @@
 """From recorded runs to what an error model sees: one accelerometer, good readings only."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -158,8 +159,9 @@ def _channel(mine: RecordedRuns, serial: str, t_ref_c: float) -> Channel:
 def elapsed_h(mine: RecordedRuns, run: IntArray) -> FloatArray:
     """Return the hours since the first run began, shape (n,).
 
-    From the recorded starts when every run has one, otherwise with the runs laid end to end in
-    the order of the recording.
+    From the recorded starts when every run has one and none begins before another has ended (as
+    in emulated tests, whose hours pass in seconds); otherwise with the runs laid end to end in the
+    order of the recording.
 
     Parameters
     ----------
@@ -171,11 +173,18 @@ def elapsed_h(mine: RecordedRuns, run: IntArray) -> FloatArray:
     ids = [mine.run.at(int(np.argmax(run == k))) for k in range(int(run[-1]) + 1)]
     known = [mine.run_start_utc.get(name) for name in ids]
     starts = [t.timestamp() for t in known if t is not None]
-    if len(starts) < len(ids):
-        ends = [float(mine.time_s[run == k].max()) for k in range(len(ids))]
+    ends = [float(mine.time_s[run == k].max()) for k in range(len(ids))]
+    if len(starts) < len(ids) or _overlapping(starts, ends):
         starts = np.concatenate([[0.0], np.cumsum(ends)[:-1]]).tolist()
     begun = np.array(starts) - min(starts)
     return (begun[run] + mine.time_s) / 3600.0
+
+
+def _overlapping(starts_s: Sequence[float], lengths_s: Sequence[float]) -> bool:
+    """Tell whether a run begins while another goes on: an accelerometer is in one at a time."""
+    order = np.argsort(starts_s)
+    begun, ended = np.array(starts_s)[order], (np.array(starts_s) + np.array(lengths_s))[order]
+    return bool(np.any(begun[1:] < ended[:-1]))
 
 
 def direction_of(rate_c_per_min: FloatArray) -> IntArray:

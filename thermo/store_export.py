@@ -1,7 +1,8 @@
 """From the store to a recorded run."""
 
 from collections.abc import Sequence
-from datetime import datetime
+from datetime import datetime, timedelta
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -9,6 +10,7 @@ import numpy as np
 
 from errormodel.errors import StoreError
 from thermo.recording import OutputUnit, RecordedRuns, make_runs, write_runs
+from thermo.store_records import RunRecord
 
 if TYPE_CHECKING:
     from thermo.store import Store
@@ -67,7 +69,7 @@ def export_test(
     lacking |= positioned & frame["position_deg"].isna()
     frame["flag"] = np.where(lacking & (frame["flag"] == ""), "missing", frame["flag"])
     frame["run"] = [f"{test_id}-{number}" for number in frame["run"]]
-    starts = {f"{test_id}-{r.number}": datetime.fromisoformat(r.start_utc) for r in test.runs}
+    starts = {f"{test_id}-{n}": start for n, start in run_starts(test.runs).items()}
     record = make_runs(
         frame,
         output_unit=output_unit,
@@ -79,3 +81,25 @@ def export_test(
     if path is not None:
         write_runs(record, path)
     return record
+
+
+def run_starts(runs: Sequence[RunRecord]) -> dict[int, datetime]:
+    """Return when each run of a test began.
+
+    From one run to the next passes what the wall says, or what the station's clock says where
+    that is more: an emulated station's clock runs ahead of the wall, and a clock that began anew
+    with its machine lies behind.
+
+    Parameters
+    ----------
+    runs : sequence of RunRecord
+        In their order.
+    """
+    walls = [datetime.fromisoformat(r.start_utc) for r in runs]
+    starts = walls[:1]
+    for (a, b), (before, after) in zip(pairwise(runs), pairwise(walls), strict=True):
+        passed = after - before
+        if a.start_clock_s is not None and b.start_clock_s is not None:
+            passed = max(passed, timedelta(seconds=b.start_clock_s - a.start_clock_s))
+        starts.append(starts[-1] + passed)
+    return {r.number: start for r, start in zip(runs, starts, strict=True)}
