@@ -21,7 +21,7 @@ from thermo.experiment_menu import Item, menu
 from thermo.foresight import planned_channel
 from thermo.inputs import Channel
 from thermo.plan import Plan, make_plan
-from thermo.sequence import Sequence
+from thermo.sequence import Sequence, sequence_toml
 from thermo.station_emulated import default_station
 
 RIVALS = 4
@@ -50,6 +50,20 @@ class Experiment:
     d_after: float | None
     hours: float | None
     sequence: Sequence | None
+
+    def toml(self) -> str:
+        """Return the sequence file that `run` takes, what it is for in its head.
+
+        Raises
+        ------
+        ValueError
+            If the experiment is told in words only.
+        """
+        if self.sequence is None:
+            raise ValueError("this experiment has no sequence")
+        return "".join(f"# {line}\n" for line in self.text.split("\n")) + sequence_toml(
+            self.sequence
+        )
 
 
 def propose(

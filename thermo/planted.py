@@ -17,7 +17,7 @@ from thermo.terms import term
 from thermo.twin import T_REF_C, EmulatedAccelerometer, emulated_accelerometer
 
 MICRO = 1e-6
-# What a model with bias and scale factor quadratic in temperature holds: nothing is missing from it.
+# All that a model with bias and scale factor quadratic in temperature holds.
 PLAIN_TERMS = ("k1", "k1_t1", "k1_t2", "k0", "k0_t1", "k0_t2")
 
 
