@@ -86,7 +86,10 @@ def _times(a: FloatArray, b: FloatArray, out: FloatArray) -> None:
 def attitudes(
     w: FloatArray, step_s: FloatArray, c_start: FloatArray, earth: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Integrate Poisson's equation; return attitudes at the middles and the ends of the steps.
+    """Integrate Poisson's equation; return the mean attitudes and those at the ends of the steps.
+
+    Where the rate changes, the mean over a step lies α·dt²/12 before half its turn: at a reversal
+    with 20 °/s² and 50 steps a second 12 µrad, as much as an accelerometer's noise over a second.
 
     Parameters
     ----------
@@ -109,6 +112,7 @@ def attitudes(
     left, right = np.empty((3, 3)), np.empty((3, 3))
     half, turned = np.empty((3, 3)), np.empty((3, 3))
     before = np.zeros(3)
+    grown = np.empty(3)
     for k in range(n):
         dt = step_s[k]
         theta = w[k] * dt
@@ -117,11 +121,18 @@ def attitudes(
         full[0] += (before[1] * theta[2] - before[2] * theta[1]) / 12.0
         full[1] += (before[2] * theta[0] - before[0] * theta[2]) / 12.0
         full[2] += (before[0] * theta[1] - before[1] * theta[0]) / 12.0
+        first, last = max(k - 1, 0), min(k + 1, n - 1)
+        apart = 0.5 * step_s[first] + 0.5 * step_s[last]
+        apart += dt if last - first == 2 else 0.0
+        for i in range(3):
+            # the twelfth of what the increment grows by, of central differences
+            grown[i] = (w[last, i] - w[first, i]) / apart * dt * dt / 12.0 if n > 1 else 0.0
         _turn(0.5 * full, right)
         _turn(-0.5 * dt * earth, left)
         _times(c, right, half)
         _times(left, half, turned)
-        middle[k] = turned
+        _turn(-grown, half)
+        _times(turned, half, middle[k])
         _times(turned, right, half)
         _times(left, half, c)
         if k % 64 == 63:  # rounding must not let it cease to be a rotation
@@ -213,7 +224,7 @@ def sum_intervals(
     Parameters
     ----------
     middle, end : ndarray, shape (n, 3, 3)
-        C_nb at the middles and the ends of the steps.
+        C_nb in the mean over each step and at its end.
     w, f : ndarray, shape (n, 3)
         Corrected rates and forces, means over the steps.
     step_s : ndarray, shape (n,)

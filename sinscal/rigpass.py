@@ -8,7 +8,7 @@ import numpy as np
 from errormodel.arrays import FloatArray
 from errormodel.filtering import NO_GATE, Filtered, Steps, run_filter
 from errormodel.kalman import State, initial_state
-from sinscal.alignment import azimuth_of, find_north, level_nominal, mean_axis
+from sinscal.alignment import find_north, found_azimuth, level_nominal
 from sinscal.attitude import rotation, rotvec_of
 from sinscal.layout import RigLayout
 from sinscal.priors import RigPrior
@@ -189,13 +189,21 @@ class RigFilter:
     def _azimuth_prior(
         self, x: FloatArray, cov: FloatArray, nominal: Nominal, layout: RigLayout
     ) -> None:
-        """Put in the azimuth of the rotation axis when it is given: one error for all cycles."""
+        """Put in the azimuth of the rotation axis when it is given: one error for all cycles.
+
+        The axis in the body is as the gyros say, so it depends on their errors.
+        """
         facts = self.facts
         if facts.azimuth_rad is None:
             return
-        up = [layout.start(k).start + 2 for k in range(layout.cycles)]
+        up = np.array([layout.start(k).start + 2 for k in range(layout.cycles)])
+        by = np.zeros((len(up), len(self.sensors.names)))
         for k, cycle in enumerate(self.cycles):
-            found = azimuth_of(nominal.c_start[k] @ mean_axis(cycle))
+            found, by[k] = found_azimuth(cycle, self.sensors, nominal.values, nominal.c_start[k])
             apart = facts.azimuth_rad - found
             x[up[k]] = -((apart + np.pi) % (2.0 * np.pi) - np.pi)
-        cov[np.ix_(up, up)] = facts.azimuth_sigma_rad**2 * np.ones((len(up), len(up)))
+        unknown = layout.unknowns
+        x[up] += by @ x[unknown]
+        cov[up, unknown] = by @ self.prior.cov
+        cov[unknown, up] = cov[up, unknown].T
+        cov[np.ix_(up, up)] = facts.azimuth_sigma_rad**2 + by @ self.prior.cov @ by.T

@@ -14,7 +14,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from errormodel.arrays import FloatArray, freeze, readonly
+from errormodel.arrays import FloatArray, IntArray, freeze, readonly
 from errormodel.fit import derivative
 from errormodel.model import ErrorModel
 from errormodel.record import Record
@@ -65,6 +65,14 @@ class Motion:
 
     def __len__(self) -> int:
         return self.time_s.size
+
+    def take(self, rows: IntArray) -> "Motion":
+        """Return some of the steps, each as it was."""
+        return replace(
+            self,
+            **{name: getattr(self, name)[rows] for name in ("time_s", "step_s", "w", "f", "dw")},
+            temp_c=None if self.temp_c is None else self.temp_c[rows],
+        )
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -244,7 +252,8 @@ class SensorModel:
         if motion.temp_c is not None:
             x = motion.temp_c[:, axis] - self.t_ref_c
             own["x_c"] = own["x_slow_c"] = x
-            own["rate_c_per_min"] = _slope(motion.time_s, x) * 60.0
+            if "rate_c_per_min" in channel.model.needs:
+                own["rate_c_per_min"] = _slope(motion.time_s, x) * 60.0
         return own
 
 
