@@ -30,7 +30,7 @@ from thermo.experiments import Experiment, propose
 from thermo.fitting import TermsFile
 from thermo.inputs import Channel, channel_of
 from thermo.recording import RecordedRuns
-from thermo.selection import equation, separable_names
+from thermo.selection import equation, mounted, separable_names
 
 DRAWS = 300
 # A slow part larger than this many times the white noise of a reading is no instrument's drift.
@@ -161,7 +161,7 @@ def find_discrepancy(
         if len(channel.record) < LEAST_READINGS:
             problem = f"{len(channel.record)} readings, at least {LEAST_READINGS} expected"
             raise InputError(runs.source, f"serial {serial}", problem)
-        baseline = given.model() or default_baseline(channel)
+        baseline = mounted(given.model() or default_baseline(channel), channel)
         source = ThermalSource(channel, baseline, effects)
         work = _Work(source, given.t_ref_c, rules or Rules(), draws, seed, say)
         made.append(work.run())

@@ -18,7 +18,14 @@ from thermo.sequence import (
 )
 
 EVERY_45 = (0.0, 45.0, 90.0, 135.0, 180.0, 225.0, 270.0, 315.0)
+EVERY_15 = tuple(15.0 * k for k in range(24))
 DWELL_READINGS = 6
+# A cubed input is told from a readout's bend by positions every 15° only, and there by a seventh of
+# its strength: hence three runs. Turned on the head, an accelerometer takes its own errors along
+# and leaves the head's behind: an angle error with two periods a turn is reversed by a quarter turn
+# and in quadrature by half of that. The first is the larger change; where the runs at hand have
+# four positions only, at which that error is zero, it takes the second.
+TURNED_DEG = (45.0, 90.0)
 SOAK_MIN = 30.0
 # What a bench chamber does without effort, °C and °C/min.
 COLDEST_C, HOTTEST_C, SLOWEST, FASTEST = -40.0, 70.0, 0.2, 3.0
@@ -47,6 +54,14 @@ def menu(channel: Channel) -> Iterator[Item]:
         text=f"a run at {rate:g} °C/min with positions every 45° in random order",
         sequence=_sequence(channel, "45 degrees in random order", lo, up_down, 1, 0.0),
     )
+    for turned in TURNED_DEG:
+        yield Item(
+            text=f"mount the accelerometer turned by {turned:g}° on the head, and three runs at "
+            f"{rate:g} °C/min with positions every 15° in random order",
+            sequence=_sequence(
+                channel, f"turned by {turned:g} degrees", lo, up_down, 3, 1.0, turned, EVERY_15
+            ),
+        )
     two_rates = [
         *(_ramp(hi, fast), _hold(SOAK_MIN), _ramp(lo, fast), _hold(SOAK_MIN)),
         *(_ramp(hi, slow), _hold(SOAK_MIN), _ramp(lo, slow)),
@@ -100,12 +115,23 @@ def _hold(minutes: float) -> Hold:
 
 
 def _sequence(
-    channel: Channel, name: str, lo: float, segments: list[Segment], repeats: int, rest_h: float
+    channel: Channel,
+    name: str,
+    lo: float,
+    segments: list[Segment],
+    repeats: int,
+    rest_h: float,
+    mount_deg: float = 0.0,
+    angles_deg: tuple[float, ...] = EVERY_45,
 ) -> Sequence:
     return Sequence(
         name=name,
         accelerometers=(
-            Accelerometer(serial=channel.serial, nominal_scale=abs(channel.nominal_scale)),
+            Accelerometer(
+                serial=channel.serial,
+                nominal_scale=abs(channel.nominal_scale),
+                mount_deg=mount_deg,
+            ),
         ),
         temperature=TemperatureProgramme(
             start_c=lo,
@@ -116,7 +142,7 @@ def _sequence(
             rest=Rest(),
         ),
         positions=Positions(
-            angles_deg=EVERY_45,
+            angles_deg=angles_deg,
             order="random",
             seed=1,
             readings_per_position=DWELL_READINGS,

@@ -143,6 +143,7 @@ def _channel(mine: RecordedRuns, serial: str, t_ref_c: float) -> Channel:
                 "x_slow_c": slow_c - t_ref_c,
                 "rate_c_per_min": rate,
                 "elapsed_h": elapsed_h(mine, run),
+                **mounting_signals(mine.position_deg, force),
             },
             output=mine.output / mine.nominal_scale,
         ),
@@ -154,6 +155,30 @@ def _channel(mine: RecordedRuns, serial: str, t_ref_c: float) -> Channel:
         nominal_scale=mine.nominal_scale,
         gravity_m_s2=mine.gravity_m_s2,
     )
+
+
+def mounting_signals(position_deg: FloatArray, force_g: FloatArray) -> dict[str, FloatArray]:
+    """Return the head's angle and the number of the mounting, as signals.
+
+    Where the forces say another angle than the head's, the accelerometer is mounted turned on it;
+    mountings are counted from 0 as they come.
+
+    Parameters
+    ----------
+    position_deg : ndarray, shape (n,)
+        The head's angle, °; where it is not known, that of the forces is taken.
+    force_g : ndarray, shape (n, 3)
+        Along IA, PA, OA.
+    """
+    own = np.degrees(np.arctan2(force_g[:, 0], force_g[:, 1]))
+    head = np.where(np.isfinite(position_deg), position_deg, own)
+    turned = np.round(own - head) % 360.0
+    angles, first, which = np.unique(turned, return_index=True, return_inverse=True)
+    order = np.argsort(np.argsort(first))
+    return {
+        "head_deg": head,
+        "mounting": order[which.reshape(-1)].astype(float) * (angles.size > 1),
+    }
 
 
 def elapsed_h(mine: RecordedRuns, run: IntArray) -> FloatArray:

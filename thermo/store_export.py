@@ -1,6 +1,6 @@
 """From the store to a recorded run."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from datetime import datetime, timedelta
 from itertools import pairwise
 from pathlib import Path
@@ -10,6 +10,7 @@ import numpy as np
 
 from errormodel.errors import StoreError
 from thermo.recording import OutputUnit, RecordedRuns, make_runs, write_runs
+from thermo.recording_model import FORCES, head_force_g
 from thermo.store_records import RunRecord
 
 if TYPE_CHECKING:
@@ -27,6 +28,7 @@ def export_test(
     gravity_m_s2: float,
     nominal_scale: float,
     serials: Sequence[str] | None = None,
+    mount_deg: Mapping[str, float] | None = None,
 ) -> RecordedRuns:
     """Write a test's readings as recorded runs, named ``TEST_ID-1`` and so on.
 
@@ -43,6 +45,9 @@ def export_test(
         What goes into the sidecar; the scale in output units per g.
     serials : sequence of str, optional
         Only these accelerometers: a file holds those that share one nominal scale.
+    mount_deg : mapping, optional
+        How far accelerometers are mounted turned on the head, °, by serial number: theirs get the
+        forces beside the head's angle.
 
     Returns
     -------
@@ -68,6 +73,10 @@ def export_test(
     positioned = frame.groupby(["run", "serial"])["position_deg"].transform("count") > 0
     lacking |= positioned & frame["position_deg"].isna()
     frame["flag"] = np.where(lacking & (frame["flag"] == ""), "missing", frame["flag"])
+    turned = frame["serial"].map(dict(mount_deg or {})).fillna(0.0)
+    if (turned != 0.0).any():
+        angle = np.where(turned != 0.0, frame["position_deg"] + turned, np.nan)
+        frame[list(FORCES)] = head_force_g(angle)
     frame["run"] = [f"{test_id}-{number}" for number in frame["run"]]
     starts = {f"{test_id}-{n}": start for n, start in run_starts(test.runs).items()}
     record = make_runs(

@@ -115,7 +115,8 @@ class _Bench:
         """Run a sequence and return the recorded file."""
         self.tests += 1
         config = default_station(sequence)
-        plant = Twin(config.inputs, units, SETTINGS, seed=self.tests)
+        mounts = {a.serial: a.mount_deg for a in sequence.accelerometers}
+        plant = Twin(config.inputs, units, SETTINGS, self.tests, mounts)
         store_path = str(self.folder / "store.sqlite")
         with self.watch(sequence) as observers:
             outcome = run_emulated(
