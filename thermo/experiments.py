@@ -28,6 +28,8 @@ from thermo.station_emulated import default_station
 RIVALS = 4
 # A rival this many sigma away is told apart in all but one case in a thousand.
 CLEAR_D = 10.0
+# This many sigma away in expectation, a rival is still within an alias set in one case in twenty.
+SETTLED_D = 5.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -140,6 +142,8 @@ class _Experiments:
             f"{item.text}, {plan.total_s / 3600:.0f} h; it leaves {name} {distance:.1f} sigma from "
             f"its nearest rival of {', '.join(rivals)} (these runs: {before:.1f})"
         )
+        if distance < SETTLED_D:
+            text += "; that may well not settle it, and nothing this chamber does tells more"
         return Experiment(
             text=text,
             separates=(name, *rivals),
