@@ -123,6 +123,7 @@ def find_discrepancy(
     rules: Rules | None = None,
     draws: int = DRAWS,
     seed: int = 1,
+    workers: int = 1,
     tell: Tell | None = None,
 ) -> tuple[Discrepancy, ...]:
     """Find and name what is missing from the model of each accelerometer in recorded runs.
@@ -140,6 +141,8 @@ def find_discrepancy(
         Simulated nulls that calibrate every statistic.
     seed : int
         Of the draws.
+    workers : int
+        Threads that simulate them; the verdict does not depend on it.
     tell : callable, optional
         Takes a line of progress.
 
@@ -163,7 +166,7 @@ def find_discrepancy(
             raise InputError(runs.source, f"serial {serial}", problem)
         baseline = mounted(given.model() or default_baseline(channel), channel)
         source = ThermalSource(channel, baseline, effects)
-        work = _Work(source, given.t_ref_c, rules or Rules(), draws, seed, say)
+        work = _Work(source, given.t_ref_c, rules or Rules(), draws, seed, workers, say)
         made.append(work.run())
     return tuple(made)
 
@@ -176,12 +179,19 @@ class _Work:
     """The steps for one accelerometer."""
 
     def __init__(
-        self, source: ThermalSource, t_ref_c: float, rules: Rules, draws: int, seed: int, say: Tell
+        self,
+        source: ThermalSource,
+        t_ref_c: float,
+        rules: Rules,
+        draws: int,
+        seed: int,
+        workers: int,
+        say: Tell,
     ) -> None:
         self.source, self.t_ref_c = source, t_ref_c
         # one run does not carry a second name
         self.rules = rules if source.seen.runs > 1 else replace(rules, most=1)
-        self.draws, self.seed, self.say = draws, seed, say
+        self.draws, self.seed, self.workers, self.say = draws, seed, workers, say
 
     def run(self) -> Discrepancy:
         """Go through all of it."""
@@ -200,7 +210,7 @@ class _Work:
 
     def _calibrated(self, problem: Problem, floor: NoiseFloor) -> Calibration:
         rng = np.random.default_rng(self.seed)
-        return calibrate(problem, floor, draws=self.draws, rng=rng)
+        return calibrate(problem, floor, draws=self.draws, rng=rng, workers=self.workers)
 
     def _conclude(self, search: Search, foresight: Foresight, result: SearchResult) -> Discrepancy:
         source, laws, floor = self.source, search.laws, result.floor

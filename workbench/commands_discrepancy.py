@@ -32,6 +32,13 @@ from workbench.outputs import (
 @click.option("--report", type=Path, help="Folder for the report and its figures.")
 @click.option("--experiment-out", type=Path, help="SEQUENCE.toml of the experiment proposed.")
 @click.option("--seed", type=int, default=1, help="Of the simulated nulls.")
+@click.option(
+    "--workers",
+    type=click.IntRange(min=1),
+    default=1,
+    show_default=True,
+    help="Threads that simulate them; the verdict is the same.",
+)
 @force_option
 @json_option
 def discrepancy(
@@ -43,6 +50,7 @@ def discrepancy(
     report: Path | None,
     experiment_out: Path | None,
     seed: int,
+    workers: int,
     force: bool,
     as_json: bool,
 ) -> None:
@@ -53,7 +61,7 @@ def discrepancy(
     """
     if kind == "rig":
         given = {"--model": model, "--effects": effects, "--experiment-out": experiment_out,
-                 "--report": report}  # fmt: skip
+                 "--report": report, "--workers": workers > 1}  # fmt: skip
         _rig(files, [name for name, value in given.items() if value], out, seed, force, as_json)
         return
     inputs = [*with_sidecars(list(files)), *(p for p in (model, effects) if p)]
@@ -65,7 +73,9 @@ def discrepancy(
         checked_output(report / REPORT_NAME, [], force=force)
     library = load_effects(effects)
     runs = read_runs(list(files))
-    found = find_discrepancy(runs, model=_present(model), effects=library, seed=seed, tell=_tell)
+    found = find_discrepancy(
+        runs, model=_present(model), effects=library, seed=seed, workers=workers, tell=_tell
+    )
     document, text = discrepancy_document(found), list(discrepancy_text(found))
     written: list[tuple[Path, bytes]] = []
     if out is not None:
