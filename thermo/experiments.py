@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from errormodel.discrepancy.choices import SearchResult
+from errormodel.discrepancy.choices import Choice, SearchResult
 from errormodel.discrepancy.floor import NoiseFloor
 from errormodel.discrepancy.gate import Judgement
 from errormodel.discrepancy.problem import Signature, columns_of
@@ -91,22 +91,34 @@ def propose(
     Experiment or None
         None when nothing is open.
     """
-    experiments = _Experiments(source, floor)
     if verdict.verdict in ("named", "alias"):
         for slot in result.slots:
             if len(slot.alias) > 1:
-                found = source.fitted([slot.choice], floor.shape)
-                return experiments.separating(slot.choice.name, slot.alias, found)
+                return propose_separation(source, floor, slot.choice, slot.alias)
         if source.seen.runs == 1:
-            names = tuple(s.choice.name for s in result.slots)
             rivals = tuple(n for n, _ in result.slots[0].rivals[:RIVALS])
-            found = source.fitted([result.slots[0].choice], floor.shape)
-            made = experiments.separating(names[0], (names[0], *rivals), found)
+            made = propose_separation(source, floor, result.slots[0].choice, rivals)
             return replace(
                 made,
                 text="one run and one loop do not tell thermal history from drift: " + made.text,
             )
-    return experiments.showing(invisible) if invisible else None
+    return _Experiments(source, floor).showing(invisible) if invisible else None
+
+
+def propose_separation(
+    source: ThermalSource, floor: NoiseFloor, choice: Choice, rivals: Many[str]
+) -> Experiment:
+    """Propose what would tell one effect, at the size it has in these runs, from others.
+
+    Parameters
+    ----------
+    source : ThermalSource
+    floor : NoiseFloor
+    choice : Choice
+    rivals : sequence of str
+    """
+    found = source.fitted([choice], floor.shape)
+    return _Experiments(source, floor).separating(choice.name, (choice.name, *rivals), found)
 
 
 def _better(distance: float, plan: Plan, best: "tuple[float, Item, Plan]") -> bool:
