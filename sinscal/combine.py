@@ -12,7 +12,8 @@ import numpy as np
 
 from errormodel.arrays import FloatArray, freeze, readonly
 from errormodel.errors import InputError
-from errormodel.filtering import covariance_share, run_filter
+from errormodel.filtering import run_filter
+from errormodel.gains import covariance_share
 from errormodel.kalman import State, initial_state
 from sinscal.calibrate import Mode, RigCalibration, calibrate
 from sinscal.combined import (
@@ -27,7 +28,7 @@ from sinscal.earth import A_M
 from sinscal.flight import flight_sensitivity
 from sinscal.navigation_errors import DLAT, DLON
 from sinscal.priors import PriorFile, RigPrior
-from sinscal.rigfilter import RigNoise, cycle_data
+from sinscal.rigdata import RigNoise, cycle_data
 from sinscal.run import AXES, RigRun
 from sinscal.sensors import Motion, SensorModel, sensor_model
 from sinscal.terms import BASIC, TIME_OFFSET

@@ -9,7 +9,7 @@ from errormodel.arrays import FloatArray
 from errormodel.filtering import NO_GATE, run_filter
 from sinscal.calibrate import RigCalibration
 from sinscal.priors import RigPrior
-from sinscal.rigfilter import RigNoise, cycle_data
+from sinscal.rigdata import RigNoise, cycle_data
 from sinscal.rigpass import ROUGHLY_SIGMAS, RigFilter
 from sinscal.run import RigRun
 from sinscal.sensors import SensorModel

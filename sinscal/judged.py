@@ -22,7 +22,7 @@ from sinscal.navigation import NavCalibration, calibrate_navigation
 from sinscal.noise_estimate import NoiseFound, noise_of_run, refined
 from sinscal.observability import Observability, observability
 from sinscal.priors import PriorFile, RigPrior, make_prior
-from sinscal.rigfilter import RigNoise
+from sinscal.rigdata import RigNoise
 from sinscal.run import NavRun, RigRun
 from sinscal.sensors import T_REF_C, SensorModel, sensor_model
 from sinscal.terms import BASIC, TIME_OFFSET

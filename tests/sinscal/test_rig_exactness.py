@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from sinscal.calibrate import calibrate
-from sinscal.integrate import attitudes, sum_intervals
+from sinscal.integrate import attitudes, mean_forces
 from sinscal.motion import rig_motion
 from sinscal.programme import there_and_back
-from sinscal.rigfilter import cycle_data
+from sinscal.rigdata import cycle_data
 from sinscal.sensors import sensor_model
 from sinscal.simulate import SensorNoise, simulate_rig
 from sinscal.terms import BASIC
@@ -47,7 +47,7 @@ def exact_run(hz: float = 50.0, cycle_s: float = 300.0):
 
 @pytest.mark.parametrize("azimuth", [True, False], ids=["azimuth given", "north found"])
 def test_a_calibration_of_exact_readings_is_exact(azimuth: bool) -> None:
-    """With the azimuth given the misaligned gyros must not turn the axis of one cycle in another's."""
+    """With the azimuth given the misaligned gyros must not turn one cycle's axis in another's."""
     _, run, values = exact_run()
     run = run if azimuth else replace(run, facts=replace(run.facts, azimuth_rad=None))
     found = calibrate(run)
@@ -58,16 +58,12 @@ def test_a_calibration_of_exact_readings_is_exact(azimuth: bool) -> None:
 
 
 def test_a_reversal_leaves_no_force() -> None:
-    """10 °/s turned round at 20 °/s² and 50 Hz: half steps leave 1.1e-4 m/s², mean ones a percent."""
+    """10 °/s turned round at 20 °/s² and 50 Hz: half steps leave 1.1e-4 m/s², means 1 %."""
     true, run, _ = exact_run(cycle_s=60.0)
     for cycle, data in zip(true.cycles, cycle_data(run, 1.0), strict=True):
         m = cycle.motion
-        mean, end = attitudes(
+        mean, _ = attitudes(
             np.array(m.w), np.array(m.step_s), np.array(cycle.c_start), true.site.earth_rate
         )
-        none = np.zeros((len(m), 0))
-        found = sum_intervals(
-            mean, end, m.w, m.f, m.step_s, data.good, none, np.zeros(0, dtype=np.intp), 0,
-            data.first, true.site.gravity_m_s2,
-        )  # fmt: skip
-        assert np.max(np.abs(found.force)) < 2e-6
+        force = mean_forces(mean, m.w, m.f, m.step_s, data.good, data.first, true.site.gravity_m_s2)
+        assert np.max(np.abs(force)) < 2e-6
