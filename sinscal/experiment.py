@@ -14,8 +14,10 @@ from errormodel.arrays import FloatArray
 from sinscal.earth import ARCMIN, DEG_PER_H, Site
 from sinscal.flight_monte_carlo import align
 from sinscal.motion import CycleMotion, RigMotion, rig_motion
+from sinscal.nav_filter import NavNoise
+from sinscal.nav_outputs import position_errors
 from sinscal.nav_simulate import navigate_rig
-from sinscal.navigation import NavCalibration, NavNoise, calibrate_navigation, position_errors
+from sinscal.navigation import NavCalibration, calibrate_navigation
 from sinscal.priors import PriorFile, make_prior
 from sinscal.programme import Programme, experiment_programme
 from sinscal.residual_errors import at_rest

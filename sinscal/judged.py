@@ -244,10 +244,8 @@ def judge(
     """
     if isinstance(found, RigCalibration):
         rows = rows_of_rig(found.steps.h.shape[1])
-        states, converged = found.layout.names, found.converged
     else:
         rows = rows_of_navigation(found)
-        states, converged = found.states, True
     p = len(found.sensors.names)
     nis, channels, bounded = judge_innovations(
         normalised_rows(found.filtered), found.cycle_of_step, rows
@@ -259,9 +257,9 @@ def judge(
         held_out=held,
         prior=shift_test(found.values[:p], found.cov[:p, :p], found.prior.values, found.prior.cov),
         noise_known=noise_known,
-        converged=converged,
+        converged=found.converged,
     )
-    own = [states.index(name) for name in found.names]
+    own = [found.layout.names.index(name) for name in found.names]
     return Judged(
         found=found,
         rows=rows,
@@ -275,9 +273,7 @@ def judge(
 
 def rows_of_navigation(found: NavCalibration) -> Rows:
     """Return the rows of the filter of navigation outputs."""
-    axes = "enu" if found.free_height else "en"
-    names = tuple(f"{what}_{a}" for what in ("velocity", "position") for a in axes)
-    return Rows(names=names, white=found.judged)
+    return Rows(names=found.layout.integrals, white=found.judged)
 
 
 def _contradictions(found: Calibration, consistency: Consistency) -> list[str]:

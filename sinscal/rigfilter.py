@@ -228,7 +228,7 @@ def _cycle_steps(
         middle, end, true.w, true.f, true.step_s, cycle.good, columns, axis, n_gyro + 3,
         cycle.first, gravity_m_s2,
     )  # fmt: skip
-    steps = _force_steps(found, layout, noise, nominal.earth[k], gravity_m_s2, n_gyro, k)
+    steps = force_steps(found, layout, noise, nominal.earth[k], gravity_m_s2, n_gyro, k)
     if layout.angle:
         steps = _with_angle(steps, cycle, true, found, sensors, nominal, layout, noise, n_gyro, k)
     return steps
@@ -250,7 +250,7 @@ def joint_columns(
     return joint, axis, n_gyro
 
 
-def _force_steps(
+def force_steps(
     found: Intervals,
     layout: RigLayout,
     noise: RigNoise,
@@ -259,6 +259,7 @@ def _force_steps(
     n_gyro: int,
     k: int,
 ) -> Steps:
+    """Return a cycle's steps with the force as measurement, all three components in local axes."""
     count = found.length_s.size
     m, n, lead = _measurements(layout), layout.size, layout.moving
     h, z = np.zeros((count, m, n)), np.full((count, m), np.nan)

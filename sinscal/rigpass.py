@@ -1,6 +1,6 @@
 """One pass of the rig filter over all cycles, repeated until the nominal no longer moves."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,6 +17,8 @@ from sinscal.run import RigFacts
 from sinscal.sensors import SensorModel
 
 MAX_ITERATIONS = 15
+# Iteration ends when no unknown moves by more than this share of its sigma.
+STEP_SIGMAS = 0.02
 # North is sought only until nothing moves by more than this: the next filter goes on from there.
 ROUGHLY_SIGMAS = 0.3
 
@@ -45,6 +47,50 @@ def spread_of(filtered: Filtered) -> float:
     seen = np.isfinite(filtered.innovation)
     size = np.abs(filtered.innovation[seen]) / np.sqrt(filtered.variance[seen])
     return float(np.median(size)) / 0.6745
+
+
+def iterated(
+    nominal: Nominal,
+    layout: RigLayout,
+    steps_about: Callable[[Nominal], Steps],
+    start_about: Callable[[Nominal], State],
+    gate: float,
+    enough: float,
+) -> Pass:
+    """Filter, improve the nominal, and again, until nothing moves by `enough` sigmas.
+
+    Parameters
+    ----------
+    nominal : Nominal
+        To begin with.
+    layout : RigLayout
+    steps_about, start_about : callable
+        Give the filter's steps and what it starts from, linearised about a nominal.
+    gate : float
+        Closed when the nominal is good: innovations beyond so many sigmas are refused.
+    enough : float
+    """
+    count, limit, calm = 0, np.inf, False
+    while True:
+        steps, start = steps_about(nominal), start_about(nominal)
+        filtered = run_filter(start, steps, gate=limit)
+        if (calm and limit == gate) or count >= MAX_ITERATIONS:
+            return Pass(
+                nominal=nominal,
+                start=start,
+                steps=steps,
+                filtered=filtered,
+                iterations=count,
+                converged=calm and limit == gate,
+            )
+        count += 1
+        moved = _moved(filtered.state, layout)
+        nominal = nominal.improved(filtered.state.x, layout)
+        calm = moved < enough
+        if calm or limit < np.inf:
+            # the gate closes as far as what is left of outliers and of the linearisation allows
+            limit = gate * max(1.0, 0.8 * spread_of(filtered))
+            limit = gate if limit < 1.05 * gate else limit
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -109,32 +155,15 @@ class RigFilter:
 
     def iterate(self, nominal: Nominal, layout: RigLayout, gate: float, enough: float) -> Pass:
         """Filter, improve the nominal, and again, until nothing moves by `enough` sigmas."""
-        anchor = nominal
-        count, limit, calm = 0, np.inf, False
-        while True:
-            steps = make_steps(
-                self.cycles, self.sensors, nominal, layout, self.noise,
-                self.facts.site.gravity_m_s2,
-            )  # fmt: skip
-            start = self.start(nominal, anchor, layout)
-            filtered = run_filter(start, steps, gate=limit)
-            if (calm and limit == gate) or count >= MAX_ITERATIONS:
-                return Pass(
-                    nominal=nominal,
-                    start=start,
-                    steps=steps,
-                    filtered=filtered,
-                    iterations=count,
-                    converged=calm and limit == gate,
-                )
-            count += 1
-            moved = _moved(filtered.state, layout)
-            nominal = nominal.improved(filtered.state.x, layout)
-            calm = moved < enough
-            if calm or limit < np.inf:
-                # the gate closes as far as what is left of outliers and of the linearisation allows
-                limit = gate * max(1.0, 0.8 * spread_of(filtered))
-                limit = gate if limit < 1.05 * gate else limit
+        anchor, g = nominal, self.facts.site.gravity_m_s2
+        return iterated(
+            nominal,
+            layout,
+            lambda now: make_steps(self.cycles, self.sensors, now, layout, self.noise, g),
+            lambda now: self.start(now, anchor, layout),
+            gate,
+            enough,
+        )
 
     def start(self, nominal: Nominal, anchor: Nominal, layout: RigLayout) -> State:
         """Return the state before all data: what is known beforehand, about the nominal."""

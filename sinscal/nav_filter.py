@@ -1,0 +1,252 @@
+"""The filter of navigation outputs: from the readings behind them to the errors of the sensors.
+
+Its nominal (sensor errors, attitudes at the start of each cycle) predicts what a SINS at rest would
+measure without any approximation; only what noise and the nominal's own errors add is linear, and
+it shrinks as the nominal is improved. States: attitude error of the nominal, what is left of the
+integrals of the measured force, the attitudes at the starts, the unknowns of the sensors.
+
+With D = exp(φ ×), φ the attitude error of the SINS, true attitude is D·C. The indicated local axes
+turn at their spin less C·δω against the true ones, so that D follows by the same integration as the
+attitude of a body. The measured force is Dᵀγ + C·δf in the indicated axes, γ = (0, 0, g).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from errormodel.arrays import FloatArray
+from errormodel.filtering import Steps, joined
+from errormodel.kalman import State, initial_state
+from sinscal.attitude import rotvec_of
+from sinscal.earth import Site
+from sinscal.integrate import attitudes, sum_intervals
+from sinscal.layout import RigLayout
+from sinscal.nav_outputs import NavCycle
+from sinscal.priors import RigPrior
+from sinscal.rigfilter import Nominal, RigNoise, force_steps, joint_columns
+from sinscal.sensors import Motion, SensorModel, rate_derivative
+
+# The errors depend on the true motion, and that on the errors, in a thousandth of their size: after
+# three rounds 1e-6 of them is left out.
+ROUNDS = 3
+# Outputs of unlimited resolution are taken to be as good as this.
+VELOCITY_FLOOR_M_S = 1e-6
+POSITION_FLOOR_M = 0.01
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NavNoise:
+    """Noise of the sensors behind the outputs, and of the outputs themselves.
+
+    Attributes
+    ----------
+    gyro, accel : float
+        Densities, rad/s/√Hz and m/s²/√Hz.
+    velocity_m_s, position_m : float
+        Sigma of an output about the navigator's own value: rounding, and what the course between
+        two outputs leaves open.
+    tilt_sigma_rad, azimuth_sigma_rad : float
+        Of the attitude a cycle starts with.
+    """
+
+    gyro: float
+    accel: float
+    velocity_m_s: float = VELOCITY_FLOOR_M_S
+    position_m: float = POSITION_FLOOR_M
+    tilt_sigma_rad: float = 0.01
+    azimuth_sigma_rad: float = 0.1
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Predicted:
+    """What a nominal makes of one cycle.
+
+    Attributes
+    ----------
+    true : Motion
+        Rates and forces that act on the sensors over the N steps.
+    apart : ndarray, shape (N, 3, 3)
+        D at the middles of the steps: takes the indicated local axes to the true ones.
+    velocity, position : ndarray, shape (n, 3)
+        As `NavCycle` has them measured.
+    """
+
+    true: Motion
+    apart: FloatArray
+    velocity: FloatArray
+    position: FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class NavFilter:
+    """The filter of one run: its cycles, its sensors, and what is known beforehand.
+
+    Attributes
+    ----------
+    cycles : sequence of NavCycle
+    sensors : SensorModel
+    prior : RigPrior
+    noise : NavNoise
+    site : Site
+    free : bool
+        Whether the vertical channel runs free; a held one tells nothing.
+    """
+
+    cycles: Sequence[NavCycle]
+    sensors: SensorModel
+    prior: RigPrior
+    noise: NavNoise
+    site: Site
+    free: bool
+
+    @property
+    def axes(self) -> str:
+        """The local axes in which velocity and position tell something."""
+        return "enu" if self.free else "en"
+
+    @property
+    def layout(self) -> RigLayout:
+        """The states."""
+        return RigLayout(
+            cycles=len(self.cycles),
+            parameters=self.sensors.names,
+            integrals=tuple(f"{what}_{a}" for what in ("velocity", "position") for a in self.axes),
+        )
+
+    def first_nominal(self) -> Nominal:
+        """Return what is known beforehand: the prior's errors and the attitudes indicated."""
+        return Nominal(
+            values=self.prior.values,
+            c_start=tuple(c.c_start for c in self.cycles),
+            earth=tuple(self.site.earth_rate for _ in self.cycles),
+            mount=np.zeros(3),
+        )
+
+    def start(self, nominal: Nominal) -> State:
+        """Return the state before all data, about a nominal."""
+        layout, noise = self.layout, self.noise
+        x, cov = np.zeros(layout.size), np.zeros((layout.size, layout.size))
+        unknown = layout.unknowns
+        x[unknown] = self.prior.values - nominal.values
+        cov[unknown, unknown] = self.prior.cov
+        sigmas = [noise.tilt_sigma_rad, noise.tilt_sigma_rad, noise.azimuth_sigma_rad]
+        for k, cycle in enumerate(self.cycles):
+            place = layout.start(k)
+            x[place] = rotvec_of(cycle.c_start @ nominal.c_start[k].T)
+            cov[place, place] = np.diag(np.square(sigmas))
+        return initial_state(x, cov)
+
+    def steps(self, nominal: Nominal) -> Steps:
+        """Linearise all cycles about a nominal.
+
+        Returns
+        -------
+        Steps
+            Of each cycle one without measurement, in which the moving attitude becomes the copy of
+            that at its start, then one for each output.
+        """
+        parts: list[Steps] = []
+        for k in range(len(self.cycles)):
+            parts += [self._restart(k), self._cycle_steps(nominal, k)]
+        return joined(parts)
+
+    def predict(self, nominal: Nominal, k: int) -> Predicted:
+        """Compute what a nominal makes of cycle k."""
+        cycle, gravity = self.cycles[k], np.array([0.0, 0.0, self.site.gravity_m_s2])
+        apart_start = nominal.c_start[k] @ cycle.c_start.T
+        step_s, c_nb = np.array(cycle.step_s), cycle.c_nb
+        errors = np.zeros((step_s.size, 6))
+        true, apart = None, c_nb
+        for _ in range(ROUNDS):
+            drift = (c_nb @ errors[:, :3, None])[:, :, 0]
+            apart, _ = attitudes(cycle.spin - drift, step_s, apart_start, nominal.earth[k])
+            true = self._motion(cycle, errors, (apart @ c_nb)[:, 2] * gravity[2])
+            errors = self.sensors.errors(true, nominal.values)
+        assert true is not None
+        force = apart[:, 2] * gravity[2] - gravity + (c_nb @ errors[:, 3:, None])[:, :, 0]
+        velocity = _summed(force * step_s[:, None])
+        position = _summed(0.5 * (velocity[1:] + velocity[:-1]) * step_s[:, None])
+        return Predicted(
+            true=true,
+            apart=apart,
+            velocity=velocity[cycle.first],
+            position=position[cycle.first],
+        )
+
+    def _motion(self, cycle: NavCycle, errors: FloatArray, force: FloatArray) -> Motion:
+        w = cycle.w - errors[:, :3]
+        return Motion(
+            time_s=np.cumsum(cycle.step_s),
+            step_s=cycle.step_s,
+            w=w,
+            f=force,
+            dw=rate_derivative(w, cycle.step_s),
+            temp_c=cycle.temp_c,
+        )
+
+    def _cycle_steps(self, nominal: Nominal, k: int) -> Steps:
+        """Return a cycle's steps: at each output a measurement, then the motion to the next."""
+        cycle, seen = self.cycles[k], self.predict(nominal, k)
+        g, used = self.site.gravity_m_s2, len(self.axes)
+        columns, axis, n_gyro = joint_columns(self.sensors, seen.true, nominal.values)
+        middle, true = seen.apart @ cycle.c_nb, seen.true
+        found = sum_intervals(
+            middle, middle, true.w, true.f, true.step_s, np.ones(len(true)), columns, axis,
+            n_gyro + 3, cycle.first, g,
+        )  # fmt: skip
+        layout, sensed = self.layout, RigNoise(gyro=self.noise.gyro, accel=self.noise.accel)
+        force = force_steps(found, layout, sensed, nominal.earth[k], g, n_gyro, k)
+        length = found.length_s[:, None, None]
+        to_shown = np.swapaxes(seen.apart[cycle.first[:-1]], 1, 2)
+        grown = length * (to_shown @ force.h)[:, :used]
+        phi, q = force.phi.copy(), force.q.copy()
+        v, p = slice(3, 3 + used), slice(3 + used, 3 + 2 * used)
+        phi[:, v] = grown
+        phi[:, v, v] += np.eye(used)
+        phi[:, p] = 0.5 * length * grown
+        phi[:, p, v] += length * np.eye(used)
+        phi[:, p, p] += np.eye(used)
+        q[:, v] = self.noise.accel**2 * found.length_s[:, None]
+        left = [cycle.velocity - seen.velocity, cycle.position - seen.position]
+        z = np.hstack([a[:, :used] for a in left])
+        z[0] = np.nan  # the integrals begin with the first output
+        return self._measured(z, phi, q)
+
+    def _measured(self, z: FloatArray, phi: FloatArray, q: FloatArray) -> Steps:
+        """Return steps that measure the integrals; after the last nothing moves."""
+        count, m = z.shape
+        lead, n = phi.shape[1:]
+        h = np.zeros((count, m, n))
+        h[:, :, 3:lead] = np.eye(m)
+        return Steps(
+            h=h,
+            z=z,
+            r=np.tile(self._output_variances, (count, 1)),
+            phi=np.concatenate([phi, np.eye(lead, n)[None]]),
+            q=np.vstack([q, np.zeros(lead)]),
+        )
+
+    @property
+    def _output_variances(self) -> FloatArray:
+        sigmas = [self.noise.velocity_m_s, self.noise.position_m]
+        return np.repeat(np.square(sigmas), len(self.axes))
+
+    def _restart(self, k: int) -> Steps:
+        """Return the step before cycle k; the first outputs are as uncertain as all others."""
+        layout = self.layout
+        m, n, lead = 2 * len(self.axes), layout.size, layout.moving
+        phi = np.zeros((1, lead, n))
+        phi[0, :3, layout.start(k)] = np.eye(3)
+        return Steps(
+            h=np.zeros((1, m, n)),
+            z=np.full((1, m), np.nan),
+            r=np.ones((1, m)),
+            phi=phi,
+            q=np.concatenate([np.zeros(3), self._output_variances])[None],
+        )
+
+
+def _summed(parts: FloatArray) -> FloatArray:
+    """Return sums of all parts before, shape (N + 1, 3)."""
+    return np.vstack([np.zeros(3), np.cumsum(parts, axis=0)])
