@@ -197,35 +197,42 @@ class NavFilter:
         )  # fmt: skip
         layout, sensed = self.layout, RigNoise(gyro=self.noise.gyro, accel=self.noise.accel)
         force = force_steps(found, layout, sensed, nominal.earth[k], g, n_gyro, k)
-        length = found.length_s[:, None, None]
         to_shown = np.swapaxes(seen.apart[cycle.first[:-1]], 1, 2)
-        grown = length * (to_shown @ force.h)[:, :used]
-        phi, q = force.phi.copy(), force.q.copy()
-        v, p = slice(3, 3 + used), slice(3 + used, 3 + 2 * used)
-        phi[:, v] = grown
-        phi[:, v, v] += np.eye(used)
-        phi[:, p] = 0.5 * length * grown
-        phi[:, p, v] += length * np.eye(used)
-        phi[:, p, p] += np.eye(used)
-        q[:, v] = self.noise.accel**2 * found.length_s[:, None]
+        grown = found.length_s[:, None, None] * (to_shown @ force.h)[:, :used]
         left = [cycle.velocity - seen.velocity, cycle.position - seen.position]
         z = np.hstack([a[:, :used] for a in left])
         z[0] = np.nan  # the integrals begin with the first output
-        return self._measured(z, phi, q)
+        return self._integrals(z, force, grown, found.length_s)
 
-    def _measured(self, z: FloatArray, phi: FloatArray, q: FloatArray) -> Steps:
-        """Return steps that measure the integrals; after the last nothing moves."""
+    def _integrals(
+        self, z: FloatArray, attitude: Steps, grown: FloatArray, length_s: FloatArray
+    ) -> Steps:
+        """Return the steps of a cycle that measure the integrals of the force.
+
+        The state of position is p − t·v/2, t the length of the interval before: over an interval
+        p grows by t·(v₀ + v₁)/2 and by noise that is independent of the velocity's, of variance
+        t³/12 of its density's square.
+        """
         count, m = z.shape
-        lead, n = phi.shape[1:]
+        lead, n = attitude.phi.shape[1:]
+        used = m // 2
+        v, p = slice(3, 3 + used), slice(3 + used, lead)
+        one, half = np.eye(used), 0.5 * length_s[:, None, None]
+        phi, q = np.zeros((count, lead, n)), np.zeros((count, lead))
+        phi[:, :lead, :lead] = np.eye(lead)  # after the last output nothing moves
+        phi[:-1] = attitude.phi
+        phi[:-1, v] = grown
+        phi[:-1, v, v] += one
+        phi[:-1, p, p] = one
+        phi[:-1, p, v] = half * one
+        phi[1:-1, p, v] += half[:-1] * one
+        q[:-1] = attitude.q
+        q[:-1, v] = self.noise.accel**2 * length_s[:, None]
+        q[:-1, p] = self.noise.accel**2 * length_s[:, None] ** 3 / 12.0
         h = np.zeros((count, m, n))
         h[:, :, 3:lead] = np.eye(m)
-        return Steps(
-            h=h,
-            z=z,
-            r=np.tile(self._output_variances, (count, 1)),
-            phi=np.concatenate([phi, np.eye(lead, n)[None]]),
-            q=np.vstack([q, np.zeros(lead)]),
-        )
+        h[1:, used:, v] = half * one
+        return Steps(h=h, z=z, r=np.tile(self._output_variances, (count, 1)), phi=phi, q=q)
 
     @property
     def _output_variances(self) -> FloatArray:
