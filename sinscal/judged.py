@@ -245,7 +245,7 @@ def judge(
     if isinstance(found, RigCalibration):
         rows = rows_of_rig(found.steps.h.shape[1])
     else:
-        rows = rows_of_navigation(found)
+        rows = Rows(names=found.layout.integrals, white=found.judged)
     p = len(found.sensors.names)
     nis, channels, bounded = judge_innovations(
         normalised_rows(found.filtered), found.cycle_of_step, rows
@@ -269,11 +269,6 @@ def judge(
         flagged=tuple(flagged),
         warnings=(*found.warnings, *warnings, *_contradictions(found, consistency)),
     )
-
-
-def rows_of_navigation(found: NavCalibration) -> Rows:
-    """Return the rows of the filter of navigation outputs."""
-    return Rows(names=found.layout.integrals, white=found.judged)
 
 
 def _contradictions(found: Calibration, consistency: Consistency) -> list[str]:

@@ -134,6 +134,9 @@ def calibrate_navigation(
     """
     if len(run) < 10:
         raise InputError(run.source, "", f"{len(run)} outputs; expected at least 10")
+    for k, rows in enumerate(run.cycles):
+        if rows.stop - rows.start < 2:
+            raise InputError(run.source, f"cycle {k + 1}", "one output; expected at least 2")
     sensors = sensors or sensor_model(gravity_m_s2=run.facts.site.gravity_m_s2)
     own = NavFilter(
         cycles=[nav_cycle(run, rows) for rows in run.cycles],

@@ -105,7 +105,7 @@ class RigResult(_Part):
     gauge: str = GAUGE
     noise: dict[str, float | None]
     run: RunFacts
-    iterations: int | None
+    iterations: int
     converged: bool
     north: tuple[dict[str, float], ...] = ()
     consistency: dict[str, Any]
