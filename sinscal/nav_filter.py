@@ -70,12 +70,15 @@ class Predicted:
         D at the middles of the steps: takes the indicated local axes to the true ones.
     velocity, position : ndarray, shape (n, 3)
         As `NavCycle` has them measured.
+    pushed : ndarray, shape (n − 1, 3)
+        What the errors of the accelerometers add to the velocity over each interval, m/s.
     """
 
     true: Motion
     apart: FloatArray
     velocity: FloatArray
     position: FloatArray
+    pushed: FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -164,14 +167,15 @@ class NavFilter:
             true = self._motion(cycle, errors, (apart @ c_nb)[:, 2] * gravity[2])
             errors = self.sensors.errors(true, nominal.values)
         assert true is not None
-        force = apart[:, 2] * gravity[2] - gravity + (c_nb @ errors[:, 3:, None])[:, :, 0]
-        velocity = _summed(force * step_s[:, None])
+        pushed = (c_nb @ errors[:, 3:, None])[:, :, 0] * step_s[:, None]
+        velocity = _summed((apart[:, 2] * gravity[2] - gravity) * step_s[:, None] + pushed)
         position = _summed(0.5 * (velocity[1:] + velocity[:-1]) * step_s[:, None])
         return Predicted(
             true=true,
             apart=apart,
             velocity=velocity[cycle.first],
             position=position[cycle.first],
+            pushed=np.add.reduceat(pushed, cycle.first[:-1]),
         )
 
     def _motion(self, cycle: NavCycle, errors: FloatArray, force: FloatArray) -> Motion:
@@ -202,12 +206,21 @@ class NavFilter:
         left = [cycle.velocity - seen.velocity, cycle.position - seen.position]
         z = np.hstack([a[:, :used] for a in left])
         z[0] = np.nan  # the integrals begin with the first output
-        return self._integrals(z, force, grown, found.length_s)
+        left_open = cycle.bend * np.linalg.norm(seen.pushed, axis=1)
+        return self._integrals(z, force, grown, found.length_s, left_open)
 
     def _integrals(
-        self, z: FloatArray, attitude: Steps, grown: FloatArray, length_s: FloatArray
+        self,
+        z: FloatArray,
+        attitude: Steps,
+        grown: FloatArray,
+        length_s: FloatArray,
+        left_open: FloatArray,
     ) -> Steps:
         """Return the steps of a cycle that measure the integrals of the force.
+
+        What is left open of an interval's course turns what the errors of the accelerometers add
+        to the velocity, by an unknown angle of that sigma.
 
         The state of position is p − t·v/2, t the length of the interval before: over an interval
         p grows by t·(v₀ + v₁)/2 and by noise that is independent of the velocity's, of variance
@@ -227,7 +240,7 @@ class NavFilter:
         phi[:-1, p, v] = half * one
         phi[1:-1, p, v] += half[:-1] * one
         q[:-1] = attitude.q
-        q[:-1, v] = self.noise.accel**2 * length_s[:, None]
+        q[:-1, v] = (self.noise.accel**2 * length_s + left_open**2)[:, None]
         q[:-1, p] = self.noise.accel**2 * length_s[:, None] ** 3 / 12.0
         h = np.zeros((count, m, n))
         h[:, :, 3:lead] = np.eye(m)

@@ -53,6 +53,9 @@ class NavCycle:
         How the indicated local axes turn against inertial space, in themselves, rad/s.
     w : ndarray, shape (N, 3)
         Measured rate of the body, rad/s.
+    bend : ndarray, shape (n − 1,)
+        By how much the attitude of an interval may differ in the mean from that of a uniform turn,
+        rad: a rate that changes steadily by Δω within t makes it Δω·t/12.
     temp_c : ndarray, shape (N, 3), optional
     """
 
@@ -65,10 +68,11 @@ class NavCycle:
     c_nb: FloatArray
     spin: FloatArray
     w: FloatArray
+    bend: FloatArray
     temp_c: FloatArray | None = None
 
     def __post_init__(self) -> None:
-        names = ("time_s", "velocity", "position", "c_start", "step_s", "c_nb", "spin", "w")
+        names = ("time_s", "velocity", "position", "c_start", "step_s", "c_nb", "spin", "w", "bend")
         freeze(
             self,
             first=readonly_int(self.first),
@@ -104,7 +108,9 @@ def nav_cycle(run: NavRun, rows: slice) -> NavCycle:
     middle = (c_nb[:-1, None] @ rotation(share[None, :, None] * turn[:, None])).reshape(-1, 3, 3)
     length_s = np.diff(time_s)
     local = between(spin)
-    against_local = np.repeat(turn / length_s[:, None], parts, axis=0)
+    rate = turn / length_s[:, None]
+    change = np.diff(np.vstack([rate[:1], rate, rate[-1:]]), axis=0)
+    beside = change[1:] + change[:-1]  # the rate after an interval less that before it
     return NavCycle(
         time_s=time_s,
         velocity=velocity,
@@ -114,7 +120,8 @@ def nav_cycle(run: NavRun, rows: slice) -> NavCycle:
         step_s=np.repeat(length_s / parts, parts),
         c_nb=middle,
         spin=local,
-        w=against_local + (local[:, None, :] @ middle)[:, 0],
+        w=np.repeat(rate, parts, axis=0) + (local[:, None, :] @ middle)[:, 0],
+        bend=np.linalg.norm(beside, axis=1) * length_s / 12.0,
         temp_c=None if run.temp_c is None else between(run.temp_c[rows]),
     )
 

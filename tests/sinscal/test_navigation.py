@@ -78,12 +78,11 @@ def test_a_free_height_over_many_seeds() -> None:
 def check_article_sigmas(seeds: range) -> None:
     """Check starting errors as large as the a priori sigmas of an uncalibrated SINS.
 
-    They let the position run away by hundreds of kilometres. NIS is not looked at: where the rate
-    changes, the course between two outputs leaves up to 1e-3 m/s open, ten times the noise.
+    They let the position run away by hundreds of kilometres.
     """
     done = [navigation_experiment(seed, sigmas=ARTICLE_SIGMAS) for seed in seeds]
     assert max(d.largest_m[0] for d in done) > 1e5
-    check_chi2([(d.calibration, d.true_values) for d in done])
+    check_many(done)
 
 
 def test_errors_as_large_as_those_of_an_uncalibrated_sins_are_found() -> None:
@@ -139,15 +138,15 @@ def test_the_true_errors_predict_the_outputs(held: bool) -> None:
     )
     true = replace(own.first_nominal(), values=vector(values, sensors.names), c_start=tuple(starts))
     assert np.abs(run.velocity).max() > 10.0
-    # where the rate changes by Δω the body is an angle Δω·1 s/12 off, in the mean of a second: by so
-    # much 1e-3 m/s² is turned when the rotation begins (5 °/s) and when it is reversed (10 °/s)
-    open_m_s = 1e-3 * np.deg2rad(15.0) / 12.0
     for k, cycle in enumerate(own.cycles):
-        left = cycle.velocity - own.predict(true, k).velocity
+        seen = own.predict(true, k)
+        left = cycle.velocity - seen.velocity
+        # what changes of rate leave open in the seconds in which they fall
+        open_m_s = float(np.sum(cycle.bend * np.linalg.norm(seen.pushed, axis=1)))
         # and by that tilt's share of gravity that the gyros' errors, turned likewise, leave: less
         # than a tenth of what noise of 1e-4 m/s/√s adds in the same time
         noise = NOISE.accel * np.sqrt(cycle.time_s - cycle.time_s[0])
-        assert (np.abs(left[:, : len(own.axes)]).max(axis=1) < 2.0 * open_m_s + 0.1 * noise).all()
+        assert (np.abs(left[:, : len(own.axes)]).max(axis=1) < open_m_s + 0.1 * noise).all()
 
 
 def vector(values: Mapping[str, float], names: Sequence[str]) -> np.ndarray:
