@@ -30,7 +30,9 @@ from sinscal.sensors import Motion, SensorModel, rate_derivative
 # The errors depend on the true motion, and that on the errors, in a thousandth of their size: after
 # three rounds 1e-6 of them is left out.
 ROUNDS = 3
-# Outputs of unlimited resolution are taken to be as good as this.
+# Outputs of unlimited resolution are taken to be as good as this. From second to second the true
+# errors predict the velocity to 1e-6 m/s while the rate stays; that positions are the integrals of
+# velocities holds to 1 mm over 40 minutes, by a navigator's steps of 50 ms, and coarser ones exist.
 VELOCITY_FLOOR_M_S = 1e-6
 POSITION_FLOOR_M = 0.01
 
