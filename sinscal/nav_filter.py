@@ -11,7 +11,7 @@ attitude of a body. The measured force is Dᵀγ + C·δf in the indicated axes,
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,11 +20,12 @@ from errormodel.filtering import Steps, joined
 from errormodel.kalman import State, initial_state
 from sinscal.attitude import rotvec_of
 from sinscal.earth import Site
-from sinscal.integrate import attitudes, sum_intervals
+from sinscal.integrate import attitudes, sum_columns
 from sinscal.layout import RigLayout
 from sinscal.nav_outputs import NavCycle
 from sinscal.priors import RigPrior
-from sinscal.rigfilter import Nominal, RigNoise, force_steps, joint_columns
+from sinscal.rigdata import Nominal, RigNoise
+from sinscal.rigfilter import force_steps, sensor_columns
 from sinscal.sensors import Motion, SensorModel, rate_derivative
 
 # The errors depend on the true motion, and that on the errors, in a thousandth of their size: after
@@ -142,8 +143,8 @@ class NavFilter:
             cov[place, place] = np.diag(np.square(sigmas))
         return initial_state(x, cov)
 
-    def steps(self, nominal: Nominal) -> Steps:
-        """Linearise all cycles about a nominal.
+    def steps(self, nominal: Nominal, chord: Steps | None = None) -> Steps:
+        """Return all cycles' steps about a nominal, with the derivatives of `chord` if given.
 
         Returns
         -------
@@ -151,16 +152,28 @@ class NavFilter:
             Of each cycle one without measurement, in which the moving attitude becomes the copy of
             that at its start, then one for each output.
         """
-        parts: list[Steps] = []
-        for k in range(len(self.cycles)):
-            parts += [self._restart(k), self._cycle_steps(nominal, k)]
-        return joined(parts)
+        cycles = range(len(self.cycles))
+        seen = [self.predict(nominal, k) for k in cycles]
+        if chord is None:
+            made = [(self._restart(k), self._cycle_steps(nominal, k, seen[k])) for k in cycles]
+            chord = joined([step for pair in made for step in pair])
+        none = np.full((1, chord.z.shape[1]), np.nan)
+        left = [part for k in cycles for part in (none, self._left(seen[k], k))]
+        return replace(chord, z=np.concatenate(left))
+
+    def _left(self, seen: Predicted, k: int) -> FloatArray:
+        """Return by how much the integrals of the force exceed those predicted, shape (n, m)."""
+        cycle, used = self.cycles[k], len(self.axes)
+        left = [cycle.velocity - seen.velocity, cycle.position - seen.position]
+        z = np.hstack([a[:, :used] for a in left])
+        z[0] = np.nan  # they begin with the first output
+        return z
 
     def predict(self, nominal: Nominal, k: int) -> Predicted:
         """Compute what a nominal makes of cycle k."""
         cycle, gravity = self.cycles[k], np.array([0.0, 0.0, self.site.gravity_m_s2])
         apart_start = nominal.c_start[k] @ cycle.c_start.T
-        step_s, c_nb = np.array(cycle.step_s), cycle.c_nb
+        step_s, c_nb = cycle.step_s, cycle.c_nb
         errors = np.zeros((step_s.size, 6))
         true, apart = None, c_nb
         for _ in range(ROUNDS):
@@ -191,33 +204,21 @@ class NavFilter:
             temp_c=cycle.temp_c,
         )
 
-    def _cycle_steps(self, nominal: Nominal, k: int) -> Steps:
-        """Return a cycle's steps: at each output a measurement, then the motion to the next."""
-        cycle, seen = self.cycles[k], self.predict(nominal, k)
-        g, used = self.site.gravity_m_s2, len(self.axes)
-        columns, axis, n_gyro = joint_columns(self.sensors, seen.true, nominal.values)
-        middle, true = seen.apart @ cycle.c_nb, seen.true
-        found = sum_intervals(
-            middle, middle, true.w, true.f, true.step_s, np.ones(len(true)), columns, axis,
-            n_gyro + 3, cycle.first, g,
-        )  # fmt: skip
-        layout, sensed = self.layout, RigNoise(gyro=self.noise.gyro, accel=self.noise.accel)
-        force = force_steps(found, layout, sensed, nominal.earth[k], g, n_gyro, k)
+    def _cycle_steps(self, nominal: Nominal, k: int, seen: Predicted) -> Steps:
+        """Return a cycle's derivatives: at each output a measurement, then the motion on."""
+        cycle, true = self.cycles[k], seen.true
+        columns = sensor_columns(self.sensors, true, nominal.values)
+        good = np.ones(len(true))
+        found = sum_columns(seen.apart @ cycle.c_nb, true.step_s, good, columns, cycle.first)
+        sensed = RigNoise(gyro=self.noise.gyro, accel=self.noise.accel)
+        force = force_steps(found, self.layout, sensed, nominal.earth[k], self.site.gravity_m_s2, k)
         to_shown = np.swapaxes(seen.apart[cycle.first[:-1]], 1, 2)
-        grown = found.length_s[:, None, None] * (to_shown @ force.h)[:, :used]
-        left = [cycle.velocity - seen.velocity, cycle.position - seen.position]
-        z = np.hstack([a[:, :used] for a in left])
-        z[0] = np.nan  # the integrals begin with the first output
+        grown = found.length_s[:, None, None] * (to_shown @ force.h)[:, : len(self.axes)]
         left_open = cycle.bend * np.linalg.norm(seen.pushed, axis=1)
-        return self._integrals(z, force, grown, found.length_s, left_open)
+        return self._integrals(force, grown, found.length_s, left_open)
 
     def _integrals(
-        self,
-        z: FloatArray,
-        attitude: Steps,
-        grown: FloatArray,
-        length_s: FloatArray,
-        left_open: FloatArray,
+        self, attitude: Steps, grown: FloatArray, length_s: FloatArray, left_open: FloatArray
     ) -> Steps:
         """Return the steps of a cycle that measure the integrals of the force.
 
@@ -228,9 +229,9 @@ class NavFilter:
         p grows by t·(v₀ + v₁)/2 and by noise that is independent of the velocity's, of variance
         t³/12 of its density's square.
         """
-        count, m = z.shape
         lead, n = attitude.phi.shape[1:]
-        used = m // 2
+        count, used = length_s.size + 1, len(self.axes)
+        m = 2 * used
         v, p = slice(3, 3 + used), slice(3 + used, lead)
         one, half = np.eye(used), 0.5 * length_s[:, None, None]
         phi, q = np.zeros((count, lead, n)), np.zeros((count, lead))
@@ -247,7 +248,13 @@ class NavFilter:
         h = np.zeros((count, m, n))
         h[:, :, 3:lead] = np.eye(m)
         h[1:, used:, v] = half * one
-        return Steps(h=h, z=z, r=np.tile(self._output_variances, (count, 1)), phi=phi, q=q)
+        return Steps(
+            h=h,
+            z=np.full((count, m), np.nan),
+            r=np.tile(self._output_variances, (count, 1)),
+            phi=phi,
+            q=q,
+        )
 
     @property
     def _output_variances(self) -> FloatArray:

@@ -18,6 +18,7 @@ from sinscal.layout import RigLayout
 from sinscal.nav_filter import POSITION_FLOOR_M, VELOCITY_FLOOR_M_S, NavFilter, NavNoise
 from sinscal.nav_outputs import free_height, nav_cycle
 from sinscal.priors import RigPrior, make_prior
+from sinscal.rigdata import Nominal
 from sinscal.rigpass import STEP_SIGMAS, Pass, iterated
 from sinscal.run import NavRun
 from sinscal.sensors import SensorModel, sensor_model
@@ -33,6 +34,8 @@ class NavCalibration:
     names, values, cov
         The sensors' unknowns, SI.
     layout : RigLayout
+    nominal : Nominal
+        Where the filter ended.
     start, steps, filtered
         The filter's, of its last pass.
     cycle_of_step : ndarray of int, shape (K,)
@@ -50,6 +53,7 @@ class NavCalibration:
     values: FloatArray
     cov: FloatArray
     layout: RigLayout
+    nominal: Nominal
     start: State
     steps: Steps
     filtered: Filtered
@@ -159,6 +163,7 @@ def _result(own: NavFilter, ended: Pass, run: NavRun) -> NavCalibration:
         values=ended.nominal.values + state.x[unknowns],
         cov=state.cov[unknowns, unknowns],
         layout=own.layout,
+        nominal=ended.nominal,
         start=ended.start,
         steps=ended.steps,
         filtered=ended.filtered,
