@@ -19,8 +19,10 @@ from sinscal.sensors import SensorModel
 
 MAX_ITERATIONS = 15
 # North is sought only until nothing moves by more than this: the next filter goes on from there.
-# Once the nominal moves by less, the derivatives about it stay.
 ROUGHLY_SIGMAS = 0.3
+# Once the nominal moves by less, the derivatives stay: after three sigmas attitudes and sensors are
+# another by 1e-4, and so are derivatives; estimates differ by less than 1e-3 of their sigmas.
+CHORD_SIGMAS = 3.0
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -136,7 +138,7 @@ class RigFilter:
             count += 1
             if moved >= enough:
                 nominal = nominal.improved(filtered.state.x, layout)
-                chord = steps if moved < ROUGHLY_SIGMAS else None
+                chord = steps if moved < CHORD_SIGMAS else None
                 steps = self.steps(nominal, layout, chord)
             if moved < enough or limit < np.inf:
                 # the gate closes as far as what is left of outliers and of the linearisation allows
