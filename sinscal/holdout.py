@@ -1,11 +1,13 @@
 """A cycle held out: whether the others predict it, and whether it agrees with them."""
 
 from dataclasses import dataclass, replace
+from typing import Final, Literal
 
 import numpy as np
 from scipy.stats import chi2
 
 from errormodel.arrays import FloatArray
+from errormodel.errors import InputError
 from errormodel.filtering import NO_GATE
 from sinscal.priors import RigPrior
 from sinscal.rigdata import RigNoise, cycle_data
@@ -16,6 +18,11 @@ from sinscal.sensors import SensorModel
 # Directions in which the cycle brings less than this share of the variance are left out: there the
 # shift is as small as what the iteration leaves.
 LEAST_SHARE = 0.02
+LAST: Final = "last"
+EACH: Final = "each"
+NONE: Final = "none"
+# Which cycles to hold out: the last, each in turn, none, or one by its number from 1.
+Held = Literal["last", "each", "none"] | int
 SETTLE_S = 20.0  # at a cycle's beginning, in which its own attitude is found
 
 
@@ -51,6 +58,25 @@ class HoldOut:
     shift: Shift
     before_m_s2: float | None = None
     after_m_s2: float | None = None
+
+
+def cycles_held(held: Held, cycles: int, source: str) -> tuple[int, ...]:
+    """Return the cycles to hold out, from 0; none where there is but one.
+
+    Raises
+    ------
+    InputError
+        If the run has no such cycle, or no other.
+    """
+    if isinstance(held, int):
+        if not 1 <= held <= cycles:
+            raise InputError(source, f"holdout {held}", f"no such cycle; expected 1 to {cycles}")
+        if cycles == 1:
+            raise InputError(source, f"holdout {held}", "expected a cycle beside it")
+        return (held - 1,)
+    if held == NONE or cycles == 1:
+        return ()
+    return tuple(range(cycles)) if held == EACH else (cycles - 1,)
 
 
 def shift_test(

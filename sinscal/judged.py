@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from sinscal.consistency import (
     refused_of,
     rows_of_rig,
 )
-from sinscal.holdout import HoldOut, force_residual, shift_test
+from sinscal.holdout import Held, HoldOut, cycles_held, force_residual, shift_test
 from sinscal.navigation import NavCalibration, calibrate_navigation
 from sinscal.noise_estimate import NoiseFound, noise_of_run, refined
 from sinscal.observability import Observability, observability
@@ -32,6 +33,7 @@ PRIOR_SIGMAS = 6.0
 
 Tell = Callable[[str], None]
 Calibration = RigCalibration | NavCalibration
+AnyRun = TypeVar("AnyRun", RigRun, NavRun)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -51,8 +53,8 @@ class Options:
         Bound of the movement of the rig's axis across itself, rad/√Hz; that of the angle's noise
         if not given.
     t_ref_c : float
-    hold_out : bool
-        Whether the last cycle is judged by the others.
+    hold_out : {"last", "each", "none"} or int
+        The cycle judged by the others: the last, each in turn, none, or one by its number from 1.
     """
 
     mode: Mode = "coarse"
@@ -65,7 +67,7 @@ class Options:
     instability_tau_s: float = 3600.0
     wobble: float | None = None
     t_ref_c: float = T_REF_C
-    hold_out: bool = True
+    hold_out: Held = "last"
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -122,10 +124,12 @@ def calibrate_and_judge(run: RigRun, options: Options, tell: Tell = lambda _: No
         noise = refined(noise, found.filtered)
         tell("again with the noise that the innovations show")
         found = once(run, noise)
-    held = None
-    if options.hold_out and len(run.cycles) > 1:
-        tell("without the last cycle")
-        held = _held_out(run, found, lambda part: once(part, noise), options.interval_s)
+    held: list[HoldOut] = []
+    for cycle in cycles_held(options.hold_out, len(run.cycles), run.source):
+        tell(f"without cycle {cycle + 1}")
+        held.append(
+            _held_out(run, cycle, found, lambda part: once(part, noise), options.interval_s)
+        )
     flag = np.asarray(run.flag)
     return judge(
         found,
@@ -155,13 +159,13 @@ def judge_navigation(run: NavRun, options: Options, tell: Tell = lambda _: None)
     prior = make_prior(sensors, options.priors)
     tell(f"calibrating: {len(sensors.names)} unknowns, {len(run.cycles)} cycle(s)")
     found = calibrate_navigation(run, sensors=sensors, prior=prior)
-    held, last = None, len(run.cycles) - 1
-    if options.hold_out and last > 0:
-        tell("without the last cycle")
-        part = run.take_cycles(range(last))
+    held: list[HoldOut] = []
+    for cycle in cycles_held(options.hold_out, len(run.cycles), run.source):
+        tell(f"without cycle {cycle + 1}")
+        part = _without(run, cycle)
         others = calibrate_navigation(part, sensors=sensors, prior=prior, noise=found.noise)
         shift = shift_test(found.values, found.cov, others.values, others.cov)
-        held = HoldOut(cycle=last, shift=shift)
+        held.append(HoldOut(cycle=cycle, shift=shift))
     return judge(found, [0] * len(run.cycles), held)
 
 
@@ -200,22 +204,27 @@ def _as_asked(noise: NoiseFound, options: Options) -> NoiseFound:
     return replace(noise, noise=asked)
 
 
+def _without(run: AnyRun, cycle: int) -> AnyRun:
+    """Return the other cycles."""
+    return run.take_cycles([k for k in range(len(run.cycles)) if k != cycle])
+
+
 def _held_out(
     run: RigRun,
+    cycle: int,
     found: RigCalibration,
     once: Callable[[RigRun], RigCalibration],
     interval_s: float,
 ) -> HoldOut:
-    last = len(run.cycles) - 1
-    others = once(run.take_cycles(range(last)))
-    alone = run.take_cycles([last])
+    others = once(_without(run, cycle))
+    alone = run.take_cycles([cycle])
     p = len(found.sensors.names)
 
     def residual(values: FloatArray) -> float:
         return force_residual(alone, found.sensors, values, found.noise, interval_s)
 
     return HoldOut(
-        cycle=last,
+        cycle=cycle,
         shift=shift_test(found.values, found.cov, others.values, others.cov),
         before_m_s2=residual(found.prior.values),
         after_m_s2=residual(others.values[:p]),
@@ -225,7 +234,7 @@ def _held_out(
 def judge(
     found: Calibration,
     flagged: Sequence[int],
-    held: HoldOut | None,
+    held: Sequence[HoldOut],
     noise_known: bool = True,
     warnings: Sequence[str] = (),
 ) -> Judged:
@@ -236,7 +245,7 @@ def judge(
     found : RigCalibration or NavCalibration
     flagged : sequence of int
         How many rows of each cycle were not used as measurements.
-    held : HoldOut, optional
+    held : sequence of HoldOut
     noise_known : bool
         Whether the noise is not from the same data.
     warnings : sequence of str
@@ -256,7 +265,7 @@ def judge(
         nis=nis,
         channels=channels,
         bounded=bounded,
-        held_out=held,
+        held_out=tuple(held),
         prior=shift_test(found.values[:p], found.cov[:p, :p], found.prior.values, found.prior.cov),
         noise_known=noise_known,
         converged=converged,
@@ -293,9 +302,10 @@ def _contradictions(found: Calibration, consistency: Consistency) -> list[str]:
             "coloured_innovations: the innovations are not white: the sensors drift slowly or the "
             "model lacks something, and the sigmas are too small; " + _advice(found)
         )
-    if not consistency.repeats and consistency.held_out is not None:
+    if not consistency.repeats:
+        worst = min(consistency.held_out, key=lambda held: held.shift.p_value)
         out.append(
-            f"cycle_contradiction: cycle {consistency.held_out.cycle + 1} does not agree with the "
+            f"cycle_contradiction: cycle {worst.cycle + 1} does not agree with the "
             f"others; where nothing else is wrong the sensors drift: {_advice(found)}"
         )
     if not consistency.within_bound:

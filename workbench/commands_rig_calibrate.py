@@ -7,6 +7,7 @@ import click
 from errormodel.atomic import write_files
 from errormodel.errors import InputError
 from sinscal.earth import ARCSEC, DEG_PER_H
+from sinscal.holdout import EACH, LAST, NONE, Held
 from sinscal.judged import Judged, Options, calibrate_and_judge, judge_navigation
 from sinscal.priors import read_priors
 from sinscal.recording import compensated_with, read_nav_run, read_rig_run, write_rig_run
@@ -29,6 +30,17 @@ from workbench.rig_calibrate_output import calibration_document, calibration_tex
 
 FAILED = 1
 NAVIGATION = "navigation"
+
+
+def _held(ctx: click.Context, param: click.Parameter, value: str) -> Held:
+    """Return which cycle to hold out, as a word or the cycle's number."""
+    for word in (LAST, EACH, NONE):
+        if value == word:
+            return word
+    if not value.isdecimal():
+        said = f"{value!r}: expected a cycle's number, last, each or none"
+        raise click.BadParameter(said, ctx, param)
+    return int(value)
 
 
 @click.command()
@@ -57,7 +69,8 @@ NAVIGATION = "navigation"
               help="Bound of the rig axis's movement, ″/√Hz; the angle's noise if not given.",
               )  # fmt: skip
 @click.option("--t-ref-c", type=float, default=25.0, help="Reference temperature.")
-@click.option("--no-holdout", is_flag=True, help="Do not judge the last cycle by the others.")
+@click.option("--holdout", callback=_held, default=LAST, metavar="N|last|each|none",
+              help="Cycle to judge by the others.")  # fmt: skip
 @click.option("--out", type=Path, help="RESULT.json to write.")
 @click.option("--report", type=Path, help="Folder for the report and its figures.")
 @force_option
@@ -74,7 +87,7 @@ def calibrate(
     instability_tau_s: float,
     axis_wobble: float | None,
     t_ref_c: float,
-    no_holdout: bool,
+    holdout: Held,
     out: Path | None,
     report: Path | None,
     force: bool,
@@ -101,7 +114,7 @@ def calibrate(
         instability_tau_s=instability_tau_s,
         wobble=None if axis_wobble is None else axis_wobble * ARCSEC,
         t_ref_c=t_ref_c,
-        hold_out=not no_holdout,
+        hold_out=holdout,
     )
     run, judged = _calibrated(files, mode, options)
     result = make_result(judged, run)
