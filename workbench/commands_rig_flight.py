@@ -9,7 +9,7 @@ import click
 
 from errormodel.atomic import write_files
 from sinscal.earth import DEG_PER_H
-from sinscal.flight import FlightCovariance, SensorNoise, assess, flight_sensitivity
+from sinscal.flight import FlightCovariance, FlightNoise, assess, flight_sensitivity
 from sinscal.flight_monte_carlo import Agreement, agreement, fly_runs
 from sinscal.residual_errors import Calibration
 from sinscal.trajectory import FlightPlan
@@ -123,9 +123,9 @@ def _plan(given: dict[str, Any]) -> FlightPlan:
         raise click.UsageError(str(err)) from err
 
 
-def _noise(given: dict[str, Any]) -> SensorNoise:
+def _noise(given: dict[str, Any]) -> FlightNoise:
     try:
-        return SensorNoise(
+        return FlightNoise(
             gyro=given["gyro_noise_deg_h_rthz"] * DEG_PER_H,
             accel=given["accel_noise_m_s2_rthz"],
             alignment_s=given["alignment_s"],
@@ -135,9 +135,9 @@ def _noise(given: dict[str, Any]) -> SensorNoise:
 
 
 def _fly(
-    name: str, one: Calibration, plan: FlightPlan, noise: SensorNoise, *, runs: int, seed: int
+    name: str, one: Calibration, plan: FlightPlan, noise: FlightNoise, *, runs: int, seed: int
 ) -> FlownCalibration:
-    def covariance(noise: SensorNoise) -> FlightCovariance:
+    def covariance(noise: FlightNoise) -> FlightCovariance:
         found = flight_sensitivity(plan, one.names, noise=noise, every_s=EVERY_S)
         return assess(found, one)
 
@@ -147,7 +147,7 @@ def _fly(
         told = _teller(name)
         flown = fly_runs(plan, one, runs, noise=noise, seed=seed, every_s=EVERY_S, progress=told)
         held = agreement(flown, whole)
-    return FlownCalibration(name=name, found=whole, alone=covariance(SensorNoise()), agreement=held)
+    return FlownCalibration(name=name, found=whole, alone=covariance(FlightNoise()), agreement=held)
 
 
 def _teller(name: str) -> Callable[[int, int], None]:

@@ -12,7 +12,7 @@ from rich.console import RenderableType
 
 from errormodel.errors import InputError
 from sinscal.earth import ARCMIN, DEG_PER_H
-from sinscal.flight import NOISE, FlightCovariance, SensorNoise
+from sinscal.flight import NOISE, FlightCovariance, FlightNoise
 from sinscal.flight_monte_carlo import Agreement
 from sinscal.navigation_errors import DV, PHI
 from sinscal.published import COARSE_M, PRECISE_M, published_calibrations
@@ -96,7 +96,7 @@ def _calibration(path: Path, place: str, part: Mapping[str, Any]) -> Calibration
 
 
 def flight_document(
-    plan: FlightPlan, noise: SensorNoise, flown: Sequence[FlownCalibration]
+    plan: FlightPlan, noise: FlightNoise, flown: Sequence[FlownCalibration]
 ) -> dict[str, Any]:
     """Return what `rig flight --json` writes."""
     return {
@@ -160,7 +160,7 @@ def _calibration_document(one: FlownCalibration) -> dict[str, Any]:
 
 
 def flight_text(
-    plan: FlightPlan, noise: SensorNoise, flown: Sequence[FlownCalibration]
+    plan: FlightPlan, noise: FlightNoise, flown: Sequence[FlownCalibration]
 ) -> list[RenderableType]:
     """Return the same for people."""
     made = table("calibration", "ρ m", "ρ without noise m", "of ρ², %", right=("ρ m",))
