@@ -20,6 +20,7 @@ from sinscal.sensors import SensorModel
 
 # So long gyros that are not calibrated keep the vertical: 10 °/s with 3e-3 of error, 1.8°.
 LEVEL_S = 60.0
+AXIS_ROWS = 2000  # of a cycle, from which its rotation axis is had
 
 
 def level(cycle: CycleData, sensors: SensorModel, values: FloatArray) -> FloatArray:
@@ -86,16 +87,55 @@ def find_north(nominal: Nominal, cov: FloatArray, layout: RigLayout, site: Site)
     return North(nominal=turned, sigma_rad=np.array(sigmas))
 
 
-def mean_axis(cycle: CycleData) -> FloatArray:
-    """Return the direction in the body about which a cycle turns, by its faster steps, (3,).
+def mean_axis(w: FloatArray, axis: int | None) -> FloatArray:
+    """Return the direction in the body about which rates turn, by the faster ones, (3,).
 
-    Positive along the cycle's instrument axis when that is known.
+    Positive along the instrument axis when that is known.
     """
-    w = cycle.measured.w
     _, _, rows = np.linalg.svd(w.T @ w)
     along = rows[0]
-    reference = np.eye(3)[cycle.axis] if cycle.axis is not None else np.sign(along)
+    reference = np.eye(3)[axis] if axis is not None else np.sign(along)
     return along if along @ reference >= 0 else -along
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class AxisAzimuth:
+    """The azimuth of a cycle's rotation axis by a nominal, rad, and its derivative by unknowns."""
+
+    azimuth_rad: float
+    slope: FloatArray
+
+
+def axis_azimuth(
+    cycle: CycleData, sensors: SensorModel, values: FloatArray, c_start: FloatArray
+) -> AxisAzimuth:
+    """Return where a cycle's rotation axis points, its rates corrected.
+
+    What gyros measure wrongly across the axis, in proportion to the rate along it, turns the axis
+    in the body: 3′ of misalignment by 3′.
+
+    Parameters
+    ----------
+    cycle : CycleData
+    sensors : SensorModel
+    values : ndarray, shape (p,)
+        Of the sensor model.
+    c_start : ndarray, shape (3, 3)
+        Attitude at the cycle's start.
+    """
+    true = sensors.corrected(cycle.sampled(AXIS_ROWS), values)
+    axis = mean_axis(true.w, cycle.axis)
+    along = true.w @ axis
+    columns = sensors.columns(true, values)
+    across = c_start @ (np.eye(3) - np.outer(axis, axis))
+    east, north, _ = c_start @ axis
+    by_direction = np.array([north, -east, 0.0]) / (north**2 + east**2)
+    slope = np.zeros(values.size)
+    for j, owner in enumerate(sensors.owner):
+        if owner < 3:
+            share = (along @ columns[:, j]) / (along @ along)
+            slope[j] = -share * (by_direction @ across[:, owner])
+    return AxisAzimuth(azimuth_rad=azimuth_of(c_start @ axis), slope=slope)
 
 
 def azimuth_of(direction: FloatArray) -> float:

@@ -8,7 +8,7 @@ import numpy as np
 from errormodel.arrays import FloatArray
 from errormodel.filtering import NO_GATE, Filtered, Steps, run_filter
 from errormodel.kalman import State, initial_state
-from sinscal.alignment import azimuth_of, find_north, level_nominal, mean_axis
+from sinscal.alignment import axis_azimuth, find_north, level_nominal
 from sinscal.attitude import rotation, rotvec_of
 from sinscal.layout import RigLayout
 from sinscal.priors import RigPrior
@@ -205,13 +205,22 @@ class RigFilter:
     def _azimuth_prior(
         self, x: FloatArray, cov: FloatArray, nominal: Nominal, layout: RigLayout
     ) -> None:
-        """Put in the azimuth of the rotation axis when it is given: one error for all cycles."""
-        facts = self.facts
+        """Put in the azimuth of the rotation axis when it is given: one error for all cycles.
+
+        Where the axis is in the body is known by the gyros, so that their unknowns enter: cycles
+        would else contradict one another by what the gyros are misaligned.
+        """
+        facts, unknown = self.facts, layout.unknowns
         if facts.azimuth_rad is None:
             return
         up = [layout.start(k).start + 2 for k in range(layout.cycles)]
+        slopes = np.zeros((len(up), unknown.stop - unknown.start))
         for k, cycle in enumerate(self.cycles):
-            found = azimuth_of(nominal.c_start[k] @ mean_axis(cycle))
-            apart = facts.azimuth_rad - found
-            x[up[k]] = -((apart + np.pi) % (2.0 * np.pi) - np.pi)
-        cov[np.ix_(up, up)] = facts.azimuth_sigma_rad**2 * np.ones((len(up), len(up)))
+            found = axis_azimuth(cycle, self.sensors, nominal.values, nominal.c_start[k])
+            slopes[k] = found.slope
+            apart = facts.azimuth_rad - found.azimuth_rad
+            x[up[k]] = found.slope @ x[unknown] - ((apart + np.pi) % (2.0 * np.pi) - np.pi)
+        by_unknowns = slopes @ cov[unknown, unknown]
+        cov[up, unknown] = by_unknowns
+        cov[unknown, up] = by_unknowns.T
+        cov[np.ix_(up, up)] = facts.azimuth_sigma_rad**2 + by_unknowns @ slopes.T
