@@ -14,18 +14,16 @@ from sinscal.flight_monte_carlo import Agreement, agreement, fly_runs
 from sinscal.residual_errors import Calibration
 from sinscal.trajectory import FlightPlan
 from workbench.console import emit
-from workbench.figures_flight import draw_flight
 from workbench.flight_output import (
     FlownCalibration,
     flight_document,
     flight_text,
     read_calibrations,
 )
-from workbench.outputs import checked_output, force_option, json_option
+from workbench.outputs import REPORT_NAME, check_report_folder, force_option, json_option
 
 FAILED = 1
 EVERY_S = 10.0
-REPORT_FILES = ("flight-error.png", "flight-trajectory.png")
 POSITIVE = click.FloatRange(min=0.0, min_open=True)
 NOT_NEGATIVE = click.FloatRange(min=0.0)
 
@@ -67,7 +65,7 @@ NOT_NEGATIVE = click.FloatRange(min=0.0)
     help="Fly N runs of the full navigator and hold them against the covariance.",
 )
 @click.option("--seed", type=click.IntRange(min=0), default=0, help="Of the Monte Carlo.")
-@click.option("--report", type=Path, help="Folder for the pictures.")
+@click.option("--report", type=Path, help="Folder for the report and its figures.")
 @force_option
 @json_option
 def flight(
@@ -79,30 +77,24 @@ def flight(
     calibration left, and the sensors' noise. In Python: sinscal.flight.
     """
     if report is not None:
-        for name in REPORT_FILES:
-            _check_report(report / name, force=force)
+        check_report_folder(report, force=force)
     calibrations = read_calibrations(files)
     plan, noise = _plan(given), _noise(given)
     flown = [
         _fly(name, one, plan, noise, runs=given["runs"], seed=given["seed"])
         for name, one in calibrations
     ]
+    document, text = flight_document(plan, noise, flown), flight_text(plan, noise, flown)
     if report is not None:
-        report.mkdir(parents=True, exist_ok=True)
-        pictures = draw_flight(plan, flown, REPORT_FILES)
-        write_files([(report / p.name, p.png) for p in pictures])
-    document = flight_document(plan, noise, flown)
-    emit(document, flight_text(plan, noise, flown), as_json=as_json)
+        from workbench.rig_flight_report import render_flight  # matplotlib takes its second
+
+        pages = render_flight(plan, noise, flown)
+        write_files([(report / name, content) for name, content in pages.items()])
+        document["report"] = str(report / REPORT_NAME)
+        text.append(f"report: {report / REPORT_NAME}")
+    emit(document, text, as_json=as_json)
     agrees = all(one.agreement is None or one.agreement.agrees for one in flown)
     return 0 if agrees else FAILED
-
-
-def _check_report(path: Path, *, force: bool) -> None:
-    folder = path.parent
-    if folder.exists() and not folder.is_dir():
-        raise click.UsageError(f"--report {folder}: is a file, expected a folder")
-    if folder.is_dir():
-        checked_output(path, [], force=force)
 
 
 def _plan(given: dict[str, Any]) -> FlightPlan:

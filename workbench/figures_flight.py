@@ -7,7 +7,9 @@ import numpy as np
 
 from errormodel.arrays import FloatArray
 from sinscal.attitude import angles_from_c_nb
+from sinscal.earth import ARCMIN
 from sinscal.flight import NOISE
+from sinscal.navigation_errors import DV, PHI
 from sinscal.trajectory import Flight, FlightPlan, fly
 from workbench.flight_output import FlownCalibration, group_title, trajectory
 from workbench.plotting import (
@@ -24,11 +26,38 @@ SHOWN_SHARE = 0.005  # of ρ² at some time
 FEW_PERIODS = 3.5
 
 
+PICTURES = ("flight-error.png", "flight-sigmas.png", "flight-trajectory.png")
+
+
 def draw_flight(
-    plan: FlightPlan, flown: Sequence[FlownCalibration], names: tuple[str, str]
-) -> list[Picture]:
-    """Draw errors and trajectory; `names` are those of the two files."""
-    return [_errors(plan, flown, names[0]), _trajectory(fly(plan, 1.0), names[1])]
+    plan: FlightPlan, flown: Sequence[FlownCalibration]
+) -> tuple[Picture, Picture, Picture]:
+    """Draw the position's error, the sigmas of attitude and velocity, and the trajectory."""
+    position, sigmas, way = PICTURES
+    drawn = _errors(plan, flown, position), _sigmas(flown, sigmas)
+    return *drawn, _trajectory(fly(plan, 1.0), way)
+
+
+def _sigmas(flown: Sequence[FlownCalibration], name: str) -> Picture:
+    figure = new_figure(9.0, 3.8)
+    attitude, velocity = figure.subplots(1, 2)
+    handles: dict[str, Any] = {}
+    for k, one in enumerate(flown):
+        minutes = one.found.time_s / 60.0
+        for j, axis in enumerate(("east", "north", "up")):
+            style = {"color": COLOURS[k % len(COLOURS)], "linestyle": STYLES[j % len(STYLES)]}
+            (line,) = attitude.plot(minutes, one.found.sigma[:, PHI][:, j] / ARCMIN, **style)
+            handles[f"{one.name}, {axis}"] = line
+            if axis != "up":  # the height is held
+                velocity.plot(minutes, one.found.sigma[:, DV][:, j], **style)
+    dress(attitude, title="attitude, about", x="time, min", y="σ, ′")
+    dress(velocity, title="velocity, along", x="time, min", y="σ, m/s")
+    for axes in (attitude, velocity):
+        axes.set_xlim(left=0.0)
+        axes.set_ylim(bottom=0.0)
+    legend_below(figure, list(handles.values()), list(handles), enlarge=1.0)
+    caption = "Standard deviations of attitude and velocity over the flight, by axis."
+    return picture(figure, name, caption)
 
 
 def _errors(plan: FlightPlan, flown: Sequence[FlownCalibration], name: str) -> Picture:

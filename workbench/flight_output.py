@@ -180,15 +180,21 @@ def flight_text(
             f"coarse to precise {number(figures['ratio'], 3)}; the article has "
             f"{COARSE_M:.0f} m and {PRECISE_M:.0f} m, {COARSE_M / PRECISE_M:.2f}"
         )
-    lines.append(
-        f"noise: gyros {number(noise.gyro / DEG_PER_H)} °/h/√Hz, accelerometers "
-        f"{number(noise.accel)} m/s²/√Hz, alignment of {number(noise.alignment_s)} s"
-    )
-    lines += [_held_text(one.name, one.agreement) for one in flown if one.agreement]
+    lines.append(noise_text(noise))
+    lines += [held_text(one.name, one.agreement) for one in flown if one.agreement]
     return lines
 
 
-def _held_text(name: str, held: Agreement) -> str:
+def noise_text(noise: FlightNoise) -> str:
+    """Say the sensors' noise in one line."""
+    return (
+        f"noise: gyros {number(noise.gyro / DEG_PER_H)} °/h/√Hz, accelerometers "
+        f"{number(noise.accel)} m/s²/√Hz, alignment of {number(noise.alignment_s)} s"
+    )
+
+
+def held_text(name: str, held: Agreement) -> str:
+    """Say whether the full navigator's runs agree with the covariance."""
     low, high = held.rho_interval_m
     verdict = "agree with" if held.agrees else "CONTRADICT"
     return (

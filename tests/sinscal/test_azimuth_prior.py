@@ -9,7 +9,6 @@ from sinscal.alignment import axis_azimuth
 from sinscal.calibrate import RigCalibration, calibrate
 from sinscal.earth import ARCMIN
 from sinscal.motion import RigMotion, rig_motion
-from sinscal.priors import make_prior
 from sinscal.programme import there_and_back
 from sinscal.rigdata import cycle_data
 from sinscal.run import RigRun
@@ -46,8 +45,8 @@ def pull_chi2(found: RigCalibration, truth: np.ndarray) -> float:
 def test_without_noise_only_the_prior_moves_the_estimates() -> None:
     _, run = noiseless()
     found = calibrate(run, sensors=SENSORS)
-    # Readings of 5 ms leave 0.01 at the reversals (256 times as much at 20 ms). A rotation axis taken
-    # from gyros not yet calibrated makes the cycles contradict one another, and this 28.
+    # Readings of 5 ms leave 0.01 at the reversals (256 times as much at 20 ms). A rotation axis
+    # taken from gyros not yet calibrated makes the cycles contradict one another, and this 28.
     assert pull_chi2(found, as_vector(SENSORS, MISALIGNED)) < 0.1
 
 
