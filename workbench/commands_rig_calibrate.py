@@ -4,7 +4,6 @@ from pathlib import Path
 
 import click
 
-from errormodel.atomic import write_files
 from errormodel.errors import InputError
 from sinscal.earth import ARCSEC, DEG_PER_H
 from sinscal.holdout import EACH, LAST, NONE, Held
@@ -18,9 +17,8 @@ from sinscal.run_join import join_runs
 from sinscal.terms import GROUPS
 from workbench.console import emit, show_warnings_at_once
 from workbench.outputs import (
-    REPORT_NAME,
-    check_report_folder,
-    checked_output,
+    Results,
+    check_results,
     checked_run_output,
     force_option,
     json_option,
@@ -99,10 +97,7 @@ def calibrate(
     not consistent. In Python: sinscal.judged.calibrate_and_judge.
     """
     inputs = [*with_sidecars(files), *([priors] if priors else [])]
-    if out is not None:
-        checked_output(out, inputs, force=force)
-    if report is not None:
-        check_report_folder(report, force=force)
+    check_results(out, report, inputs, force=force)
     options = Options(
         mode="precise" if mode == "precise" else "coarse",
         groups=_groups(groups),
@@ -118,18 +113,10 @@ def calibrate(
     )
     run, judged = _calibrated(files, mode, options)
     result = make_result(judged, run)
-    document, text = calibration_document(result), list(calibration_text(result))
-    written: list[tuple[Path, bytes]] = []
-    if out is not None:
-        written.append((out, dump_result(result).encode()))
-        document["out"] = str(out)
-        text.append(f"result file: {out}")
-    if report is not None:
-        written += _report_files(judged, run, result, report)
-        document["report"] = str(report / REPORT_NAME)
-        text.append(f"report: {report / REPORT_NAME}")
-    write_files(written)
-    emit(document, text, as_json=as_json)
+    results = Results(calibration_document(result), list(calibration_text(result)))
+    results.add_file("result file", out, lambda: dump_result(result))
+    results.add_report(report, lambda: _report(judged, run, result))
+    results.write(as_json=as_json)
     return 0 if judged.passed else FAILED
 
 
@@ -162,13 +149,10 @@ def _tell(text: str) -> None:
     click.echo(text, err=True)
 
 
-def _report_files(
-    judged: Judged, run: RigRun | NavRun, result: RigResult, folder: Path
-) -> list[tuple[Path, bytes]]:
+def _report(judged: Judged, run: RigRun | NavRun, result: RigResult) -> dict[str, bytes]:
     from workbench.rig_calibrate_report import render_calibration  # matplotlib takes its second
 
-    pages = render_calibration(judged, run, result)
-    return [(folder / name, content) for name, content in pages.items()]
+    return render_calibration(judged, run, result)
 
 
 @click.command()

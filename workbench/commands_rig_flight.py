@@ -1,26 +1,24 @@
 """`accelbench rig flight`: what calibrations are worth in metres after an hour of flight."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import click
 
-from errormodel.atomic import write_files
 from sinscal.earth import DEG_PER_H
 from sinscal.flight import FlightCovariance, FlightNoise, assess, flight_sensitivity
 from sinscal.flight_monte_carlo import Agreement, agreement, fly_runs
 from sinscal.residual_errors import Calibration
 from sinscal.trajectory import FlightPlan
-from workbench.console import emit
 from workbench.flight_output import (
     FlownCalibration,
     flight_document,
     flight_text,
     read_calibrations,
 )
-from workbench.outputs import REPORT_NAME, check_report_folder, force_option, json_option
+from workbench.outputs import Results, check_results, force_option, json_option
 
 FAILED = 1
 EVERY_S = 10.0
@@ -76,25 +74,26 @@ def flight(
     The system is aligned at rest, takes off and navigates by itself; its errors are those that
     calibration left, and the sensors' noise. In Python: sinscal.flight.
     """
-    if report is not None:
-        check_report_folder(report, force=force)
+    check_results(None, report, [], force=force)
     calibrations = read_calibrations(files)
     plan, noise = _plan(given), _noise(given)
     flown = [
         _fly(name, one, plan, noise, runs=given["runs"], seed=given["seed"])
         for name, one in calibrations
     ]
-    document, text = flight_document(plan, noise, flown), flight_text(plan, noise, flown)
-    if report is not None:
-        from workbench.rig_flight_report import render_flight  # matplotlib takes its second
-
-        pages = render_flight(plan, noise, flown)
-        write_files([(report / name, content) for name, content in pages.items()])
-        document["report"] = str(report / REPORT_NAME)
-        text.append(f"report: {report / REPORT_NAME}")
-    emit(document, text, as_json=as_json)
+    results = Results(flight_document(plan, noise, flown), flight_text(plan, noise, flown))
+    results.add_report(report, lambda: _report(plan, noise, flown))
+    results.write(as_json=as_json)
     agrees = all(one.agreement is None or one.agreement.agrees for one in flown)
     return 0 if agrees else FAILED
+
+
+def _report(
+    plan: FlightPlan, noise: FlightNoise, flown: Sequence[FlownCalibration]
+) -> dict[str, bytes]:
+    from workbench.rig_flight_report import render_flight  # matplotlib takes its second
+
+    return render_flight(plan, noise, flown)
 
 
 def _plan(given: dict[str, Any]) -> FlightPlan:

@@ -39,20 +39,23 @@ def draw_flight(
 
 
 def _sigmas(flown: Sequence[FlownCalibration], name: str) -> Picture:
-    figure = new_figure(9.0, 3.8)
-    attitude, velocity = figure.subplots(1, 2)
+    figure = new_figure(11.0, 3.8)
+    tilt, heading, velocity = figure.subplots(1, 3)
     handles: dict[str, Any] = {}
     for k, one in enumerate(flown):
-        minutes = one.found.time_s / 60.0
-        for j, axis in enumerate(("east", "north", "up")):
-            style = {"color": COLOURS[k % len(COLOURS)], "linestyle": STYLES[j % len(STYLES)]}
-            (line,) = attitude.plot(minutes, one.found.sigma[:, PHI][:, j] / ARCMIN, **style)
+        minutes, colour = one.found.time_s / 60.0, COLOURS[k % len(COLOURS)]
+        attitude, speed = one.found.sigma[:, PHI] / ARCMIN, one.found.sigma[:, DV]
+        for j, axis in enumerate(("east", "north")):  # up is the heading, and the height is held
+            style = STYLES[j]
+            (line,) = tilt.plot(minutes, attitude[:, j], color=colour, linestyle=style)
             handles[f"{one.name}, {axis}"] = line
-            if axis != "up":  # the height is held
-                velocity.plot(minutes, one.found.sigma[:, DV][:, j], **style)
-    dress(attitude, title="attitude, about", x="time, min", y="σ, ′")
-    dress(velocity, title="velocity, along", x="time, min", y="σ, m/s")
-    for axes in (attitude, velocity):
+            velocity.plot(minutes, speed[:, j], color=colour, linestyle=style)
+        (line,) = heading.plot(minutes, attitude[:, 2], color=colour, linestyle=STYLES[2])
+        handles[f"{one.name}, heading"] = line
+    dress(tilt, title="tilt about east and north", x="time, min", y="σ, arcmin")
+    dress(heading, title="heading", x="time, min", y="σ, arcmin")
+    dress(velocity, title="velocity east and north", x="time, min", y="σ, m/s")
+    for axes in (tilt, heading, velocity):
         axes.set_xlim(left=0.0)
         axes.set_ylim(bottom=0.0)
     legend_below(figure, list(handles.values()), list(handles), enlarge=1.0)

@@ -62,10 +62,7 @@ def render_flight(
             title="Error budget at the end",
             table=ReportTable(
                 title="",
-                columns=(
-                    "source",
-                    *(f"{one.name}, {what}" for one in flown for what in ("%", "m")),
-                ),
+                columns=("source", *parts),
                 rows=tuple(budget_rows(flown)),
             ),
         ),
