@@ -20,13 +20,14 @@ from sinscal.sensors import SensorModel
 
 # So long gyros that are not calibrated keep the vertical: 10 °/s with 3e-3 of error, 1.8°.
 LEVEL_S = 60.0
-AXIS_ROWS = 2000  # of a cycle, from which its rotation axis is had
+# Of a cycle, for its axis: their noise is averaged to 1e-3 of what gyrocompassing can see.
+AXIS_ROWS = 3000
 
 
 def level(cycle: CycleData, sensors: SensorModel, values: FloatArray) -> FloatArray:
     """Return C at the start of a cycle in level axes of some azimuth, from its first minute."""
     measured = cycle.measured
-    early = measured.beginning(int(np.sum(measured.time_s <= measured.time_s[0] + LEVEL_S)))
+    early = measured.take(slice(int(np.sum(measured.time_s <= measured.time_s[0] + LEVEL_S))))
     true = sensors.corrected(early, values)
     middle, _ = attitudes(true.w, true.step_s, np.eye(3), np.zeros(3))
     good = cycle.good[: len(early)]
@@ -87,55 +88,60 @@ def find_north(nominal: Nominal, cov: FloatArray, layout: RigLayout, site: Site)
     return North(nominal=turned, sigma_rad=np.array(sigmas))
 
 
-def mean_axis(w: FloatArray, axis: int | None) -> FloatArray:
-    """Return the direction in the body about which rates turn, by the faster ones, (3,).
+def mean_axis(cycle: CycleData) -> FloatArray:
+    """Return the direction in the body about which a cycle turns, as its gyros say, (3,).
 
-    Positive along the instrument axis when that is known.
+    By its faster steps; positive along the cycle's instrument axis when that is known.
     """
+    return _axis_of(cycle.measured.w, cycle.axis)
+
+
+def _axis_of(w: FloatArray, instrument: int | None) -> FloatArray:
     _, _, rows = np.linalg.svd(w.T @ w)
     along = rows[0]
-    reference = np.eye(3)[axis] if axis is not None else np.sign(along)
+    reference = np.eye(3)[instrument] if instrument is not None else np.sign(along)
     return along if along @ reference >= 0 else -along
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class AxisAzimuth:
-    """The azimuth of a cycle's rotation axis by a nominal, rad, and its derivative by unknowns."""
-
-    azimuth_rad: float
-    slope: FloatArray
-
-
-def axis_azimuth(
+def found_azimuth(
     cycle: CycleData, sensors: SensorModel, values: FloatArray, c_start: FloatArray
-) -> AxisAzimuth:
-    """Return where a cycle's rotation axis points, its rates corrected.
+) -> tuple[float, FloatArray]:
+    """Return the azimuth of the axis a cycle turns about, and its derivative by the unknowns.
 
-    What gyros measure wrongly across the axis, in proportion to the rate along it, turns the axis
-    in the body: 3′ of misalignment by 3′.
+    The gyros' errors move the axis in the body: a misalignment of 3′ between cycles about other
+    axes looks like 3′ between their azimuths.
 
     Parameters
     ----------
     cycle : CycleData
     sensors : SensorModel
     values : ndarray, shape (p,)
-        Of the sensor model.
+        Of its unknowns, with which the rates are corrected.
     c_start : ndarray, shape (3, 3)
-        Attitude at the cycle's start.
+        C_nb at the cycle's start.
+
+    Returns
+    -------
+    float
+        From north clockwise, rad.
+    ndarray, shape (p,)
     """
-    true = sensors.corrected(cycle.sampled(AXIS_ROWS), values)
-    axis = mean_axis(true.w, cycle.axis)
-    along = true.w @ axis
+    m = cycle.measured
+    rows = np.arange(0, len(m), max(1, len(m) // AXIS_ROWS))
+    true = sensors.corrected(m.take(rows), values)
+    along = _axis_of(true.w, cycle.axis)
+    turn = true.w @ along
     columns = sensors.columns(true, values)
-    across = c_start @ (np.eye(3) - np.outer(axis, axis))
-    east, north, _ = c_start @ axis
-    by_direction = np.array([north, -east, 0.0]) / (north**2 + east**2)
-    slope = np.zeros(values.size)
+    # the principal direction follows what goes with the turn across it
+    grown = turn @ columns / float(turn @ turn)
+    across = np.eye(3) - np.outer(along, along)
+    axis_by = np.zeros((3, len(sensors.names)))
     for j, owner in enumerate(sensors.owner):
         if owner < 3:
-            share = (along @ columns[:, j]) / (along @ along)
-            slope[j] = -share * (by_direction @ across[:, owner])
-    return AxisAzimuth(azimuth_rad=azimuth_of(c_start @ axis), slope=slope)
+            axis_by[:, j] = -across[:, owner] * grown[j]
+    east, north, _ = c_start @ along
+    by = c_start @ axis_by
+    return azimuth_of(c_start @ along), (north * by[0] - east * by[1]) / (east**2 + north**2)
 
 
 def azimuth_of(direction: FloatArray) -> float:

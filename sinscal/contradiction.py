@@ -1,9 +1,11 @@
 """Whether a rig contradicts the chamber's models, and what would explain it.
 
-A calibration in which the chamber's coefficients are hardly held (`wide`) is compared with the
-chamber: had the chamber been right, their difference would have a known covariance. When it has
-not, each explanation in turn is put in the chamber's place: two serial numbers exchanged, a
-thermistor that reads too high.
+An estimate in which the chamber's coefficients are hardly held (`wide`) is compared with the
+chamber: had the chamber been right, their difference would have a known covariance. It is linear,
+about the combined calibration: where the chamber is right, that is where the truth is, while an
+iteration of its own would run to the far ends of what the rig hardly sees. When chamber and rig
+contradict each other, each explanation in turn is put in the chamber's place: two serial numbers
+exchanged, a thermistor that reads too high.
 """
 
 from collections.abc import Sequence
@@ -23,8 +25,9 @@ FALSE_ALARM = 1e-3
 NAMED_SHARE = 0.9
 # … and an offset is worth telling above this: less is what thermistors are good for.
 OFFSET_C = 0.2
-# Directions in which the rig adds less than this share of what it can are left out of the test.
-RANK = 1e-9
+# Directions in which the rig takes away less than this share of the wide prior's variance are left
+# out: a coefficient as far off as that prior allows would move them by a tenth of their sigma.
+SEEN = 0.01
 TEMPERATURE_STEP_C = 0.01
 
 
@@ -67,8 +70,9 @@ def compare_with_chamber(
     values: FloatArray,
     cov: FloatArray,
     wide_cov: FloatArray,
+    known_cov: FloatArray,
 ) -> ChamberTest:
-    """Compare a wide calibration with the chamber's models it was centred on.
+    """Compare a wide estimate with the chamber's models it was centred on.
 
     Parameters
     ----------
@@ -78,9 +82,11 @@ def compare_with_chamber(
     motions : sequence of Motion
         What the sensors went through, corrected; for what a thermistor's offset would do.
     values, cov : ndarray
-        The wide calibration's, in the order of `sensors.names`.
+        The wide estimate's, in the order of `sensors.names`.
     wide_cov : ndarray, shape (p, p)
         Its prior covariance.
+    known_cov : ndarray, shape (p, p)
+        The chamber's covariance, with what may have changed since.
 
     Returns
     -------
@@ -89,12 +95,14 @@ def compare_with_chamber(
     names = chamber_names(sensors, chambers)
     at = np.array([sensors.names.index(n) for n in names])
     prior = np.concatenate([c.without_mounting().values for c in chambers])
-    chamber_cov = _block_cov(chambers)
+    chamber_cov = known_cov[np.ix_(at, at)]
     after, before = cov[np.ix_(at, at)], wide_cov[np.ix_(at, at)]
     passed = np.eye(at.size) - after @ np.linalg.inv(before)
     total = passed @ chamber_cov @ passed.T + passed @ after
     comparison = _Comparison(
-        difference=values[at] - prior, passed=passed, root=_whitener(total, np.diag(before))
+        difference=values[at] - prior,
+        passed=passed,
+        root=_whitener(total, after, np.sqrt(np.diag(before))),
     )
     dof = comparison.root.shape[0]
     found = comparison.chi2(np.zeros(at.size))
@@ -105,23 +113,17 @@ def compare_with_chamber(
     return ChamberTest(chi2=found, dof=dof, p_value=p_value, contradictions=told)
 
 
-def _block_cov(chambers: Sequence[ChamberModel]) -> FloatArray:
-    covs = [c.without_mounting().cov for c in chambers]
-    out = np.zeros((sum(len(c) for c in covs),) * 2)
-    first = 0
-    for c in covs:
-        out[first : first + len(c), first : first + len(c)] = c
-        first += len(c)
-    return out
+def _whitener(total: FloatArray, after: FloatArray, wide: FloatArray) -> FloatArray:
+    """Return W of full rank with W·total·Wᵀ = 1, of the directions that the rig can show.
 
-
-def _whitener(total: FloatArray, scale2: FloatArray) -> FloatArray:
-    """Return W of full rank with W·total·Wᵀ = 1, of the directions that the rig can show."""
-    scale = np.sqrt(scale2)
-    size, directions = np.linalg.eigh(0.5 * (total + total.T) / np.outer(scale, scale))
-    kept = size > RANK * size.max()
-    root = directions[:, kept] / np.sqrt(size[kept])
-    return root.T / scale
+    They are chosen by sigmas alone, so that the choice does not follow the data.
+    """
+    share, directions = np.linalg.eigh(np.eye(wide.size) - after / np.outer(wide, wide))
+    seen = directions[:, share > SEEN].T / wide
+    cov = seen @ total @ seen.T
+    size = np.sqrt(np.diag(cov))
+    lower = np.linalg.cholesky(cov / np.outer(size, size))
+    return np.linalg.solve(lower, seen / size[:, None])
 
 
 def _explained(
@@ -151,12 +153,13 @@ def _best_exchange(
 ) -> tuple[float, str]:
     best = (np.inf, "")
     parts = [c.without_mounting() for c in chambers]
+    mine = [dict(zip(p.model.names, p.values.tolist(), strict=True)) for p in parts]
     for order in permutations(range(3)):
-        if order == (0, 1, 2) or any(
-            parts[k].model.names != parts[order[k]].model.names for k in range(3)
-        ):
+        if order == (0, 1, 2):
             continue
-        change = np.concatenate([parts[k].values for k in order]) - prior
+        # what the other's model does not have is zero in it; what only it has is left out
+        there = [mine[order[k]].get(n, 0.0) for k in range(3) for n in parts[k].model.names]
+        change = np.array(there) - prior
         value = comparison.chi2(change)
         if value < best[0]:
             moved = [k for k in range(3) if order[k] != k]

@@ -86,7 +86,10 @@ def _own(values: FloatArray | BoolArray) -> FloatArray:
 def attitudes(
     w: FloatArray, step_s: FloatArray, c_start: FloatArray, earth: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Integrate Poisson's equation; return attitudes at the middles and the ends of the steps.
+    """Integrate Poisson's equation; return the mean attitudes and those at the ends of the steps.
+
+    Where the rate changes, the mean over a step lies α·dt²/12 before half its turn: at a reversal
+    with 20 °/s² and 50 steps a second 12 µrad, as much as an accelerometer's noise over a second.
 
     Parameters
     ----------
@@ -123,7 +126,12 @@ def _attitudes(
         full = plus(theta, scaled(1.0 / 12.0, cross(before, theta)))
         half = unit_quaternion(scaled(0.5, full))
         q = product(left, product(q, half))
-        write_matrix(q, middle[k])
+        # the twelfth of what the increment grows by, of central differences
+        first, last = max(k - 1, 0), min(k + 1, n - 1)
+        apart = 0.5 * (step_s[first] + step_s[last]) + (dt if last - first == 2 else 0.0)
+        slope = dt * dt / 12.0 / apart
+        grown = plus(scaled(-slope, row_of(w, last)), scaled(slope, row_of(w, first)))
+        write_matrix(product(q, unit_quaternion(grown)), middle[k])
         q = product(left, product(q, half))
         if k % 64 == 63:  # rounding must not let it cease to be a rotation
             q = normalised(q)
@@ -204,7 +212,7 @@ def mean_forces(
     Parameters
     ----------
     middle : ndarray, shape (n, 3, 3)
-        C_nb at the middles of the steps.
+        C_nb in the mean over each step.
     w, f : ndarray, shape (n, 3)
         Corrected rates and forces, means over the steps.
     step_s : ndarray, shape (n,)

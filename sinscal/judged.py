@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TypeVar
 
 import numpy as np
 
@@ -18,7 +17,7 @@ from sinscal.consistency import (
     refused_of,
     rows_of_rig,
 )
-from sinscal.holdout import Held, HoldOut, cycles_held, force_residual, shift_test
+from sinscal.holdout import Held, HoldOut, cycles_held, hold_out, shift_test
 from sinscal.navigation import NavCalibration, calibrate_navigation
 from sinscal.noise_estimate import NoiseFound, noise_of_run, refined
 from sinscal.observability import Observability, observability
@@ -33,7 +32,6 @@ PRIOR_SIGMAS = 6.0
 
 Tell = Callable[[str], None]
 Calibration = RigCalibration | NavCalibration
-AnyRun = TypeVar("AnyRun", RigRun, NavRun)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -127,9 +125,7 @@ def calibrate_and_judge(run: RigRun, options: Options, tell: Tell = lambda _: No
     held: list[HoldOut] = []
     for cycle in cycles_held(options.hold_out, len(run.cycles), run.source):
         tell(f"without cycle {cycle + 1}")
-        held.append(
-            _held_out(run, cycle, found, lambda part: once(part, noise), options.interval_s)
-        )
+        held.append(hold_out(run, found, cycle, options.interval_s))
     flag = np.asarray(run.flag)
     return judge(
         found,
@@ -162,7 +158,7 @@ def judge_navigation(run: NavRun, options: Options, tell: Tell = lambda _: None)
     held: list[HoldOut] = []
     for cycle in cycles_held(options.hold_out, len(run.cycles), run.source):
         tell(f"without cycle {cycle + 1}")
-        part = _without(run, cycle)
+        part = run.take_cycles([k for k in range(len(run.cycles)) if k != cycle])
         others = calibrate_navigation(part, sensors=sensors, prior=prior, noise=found.noise)
         shift = shift_test(found.values, found.cov, others.values, others.cov)
         held.append(HoldOut(cycle=cycle, shift=shift))
@@ -202,33 +198,6 @@ def _as_asked(noise: NoiseFound, options: Options) -> NoiseFound:
         instability_tau_s=options.instability_tau_s,
     )
     return replace(noise, noise=asked)
-
-
-def _without(run: AnyRun, cycle: int) -> AnyRun:
-    """Return the other cycles."""
-    return run.take_cycles([k for k in range(len(run.cycles)) if k != cycle])
-
-
-def _held_out(
-    run: RigRun,
-    cycle: int,
-    found: RigCalibration,
-    once: Callable[[RigRun], RigCalibration],
-    interval_s: float,
-) -> HoldOut:
-    others = once(_without(run, cycle))
-    alone = run.take_cycles([cycle])
-    p = len(found.sensors.names)
-
-    def residual(values: FloatArray) -> float:
-        return force_residual(alone, found.sensors, values, found.noise, interval_s)
-
-    return HoldOut(
-        cycle=cycle,
-        shift=shift_test(found.values, found.cov, others.values, others.cov),
-        before_m_s2=residual(found.prior.values),
-        after_m_s2=residual(others.values[:p]),
-    )
 
 
 def judge(

@@ -54,15 +54,6 @@ class CycleData:
     axis: int | None
     angle: FloatArray | None
 
-    def sampled(self, count: int) -> Motion:
-        """Return about so many of the steps, as measured; no one follows the other."""
-        m = self.measured
-        rows = slice(None, None, max(1, len(m) // count))
-        return Motion(
-            time_s=m.time_s[rows], step_s=m.step_s[rows], w=m.w[rows], f=m.f[rows], dw=m.dw[rows],
-            temp_c=None if m.temp_c is None else m.temp_c[rows], begin_s=m.begin_s,
-        )  # fmt: skip
-
     def thinned(self, interval_s: float) -> "CycleData":
         """Return the cycle with steps put together as far as little turns within one."""
         m = self.measured

@@ -8,7 +8,7 @@ import numpy as np
 from errormodel.arrays import FloatArray
 from errormodel.filtering import NO_GATE, Filtered, Steps, run_filter
 from errormodel.kalman import State, initial_state
-from sinscal.alignment import axis_azimuth, find_north, level_nominal
+from sinscal.alignment import find_north, found_azimuth, level_nominal
 from sinscal.attitude import rotation, rotvec_of
 from sinscal.layout import RigLayout
 from sinscal.priors import RigPrior
@@ -103,7 +103,7 @@ class RigFilter:
             assert cycle.axis is not None
             unit = np.eye(3)[cycle.axis]
             back = rotation(-float(cycle.angle[0]) * unit)
-            early = cycle.measured.beginning(2)
+            early = cycle.measured.take(slice(2))
             true = self.sensors.corrected(early, nominal.values)
             first = rotation(true.w[0] * true.step_s[0])
             bases.append(nominal.c_start[k] @ first @ back)
@@ -207,20 +207,19 @@ class RigFilter:
     ) -> None:
         """Put in the azimuth of the rotation axis when it is given: one error for all cycles.
 
-        Where the axis is in the body is known by the gyros, so that their unknowns enter: cycles
-        would else contradict one another by what the gyros are misaligned.
+        The axis in the body is as the gyros say, so it depends on their errors.
         """
-        facts, unknown = self.facts, layout.unknowns
+        facts = self.facts
         if facts.azimuth_rad is None:
             return
-        up = [layout.start(k).start + 2 for k in range(layout.cycles)]
-        slopes = np.zeros((len(up), unknown.stop - unknown.start))
+        up = np.array([layout.start(k).start + 2 for k in range(layout.cycles)])
+        by = np.zeros((len(up), len(self.sensors.names)))
         for k, cycle in enumerate(self.cycles):
-            found = axis_azimuth(cycle, self.sensors, nominal.values, nominal.c_start[k])
-            slopes[k] = found.slope
-            apart = facts.azimuth_rad - found.azimuth_rad
-            x[up[k]] = found.slope @ x[unknown] - ((apart + np.pi) % (2.0 * np.pi) - np.pi)
-        by_unknowns = slopes @ cov[unknown, unknown]
-        cov[up, unknown] = by_unknowns
-        cov[unknown, up] = by_unknowns.T
-        cov[np.ix_(up, up)] = facts.azimuth_sigma_rad**2 + by_unknowns @ slopes.T
+            found, by[k] = found_azimuth(cycle, self.sensors, nominal.values, nominal.c_start[k])
+            apart = facts.azimuth_rad - found
+            x[up[k]] = -((apart + np.pi) % (2.0 * np.pi) - np.pi)
+        unknown = layout.unknowns
+        x[up] += by @ x[unknown]
+        cov[up, unknown] = by @ self.prior.cov
+        cov[unknown, up] = cov[up, unknown].T
+        cov[np.ix_(up, up)] = facts.azimuth_sigma_rad**2 + by @ self.prior.cov @ by.T

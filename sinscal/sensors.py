@@ -14,7 +14,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from errormodel.arrays import FloatArray, freeze, readonly
+from errormodel.arrays import FloatArray, IntArray, freeze, readonly
 from errormodel.fit import derivative
 from errormodel.model import ErrorModel
 from errormodel.record import Record
@@ -24,6 +24,7 @@ from sinscal.terms import ANGLE, BASIC, CHANNELS, TIME_OFFSET, ChannelId, Maker,
 T_REF_C = 25.0
 # A chamber's terms see temperature smoothed as in the chamber; a rig's temperature is smooth.
 RATE_WINDOW_S = 120.0
+TEMPERATURES = frozenset(["x_c", "x_slow_c", "rate_c_per_min"])
 # What is not linear is 1e-3 of the motion at most: each step of the inverse leaves less of it.
 INVERSE_STEPS = 6
 LEFT = 1e-12  # m/s² of what is measured, where the inverse ends
@@ -67,12 +68,13 @@ class Motion:
     def __len__(self) -> int:
         return self.time_s.size
 
-    def beginning(self, count: int) -> "Motion":
-        """Return the first steps."""
-        names = ("time_s", "step_s", "w", "f", "dw")
-        cut = {name: getattr(self, name)[:count] for name in names}
-        temp_c = None if self.temp_c is None else self.temp_c[:count]
-        return replace(self, **cut, temp_c=temp_c)
+    def take(self, rows: IntArray | slice) -> "Motion":
+        """Return some of the steps, each as it was."""
+        return replace(
+            self,
+            **{name: getattr(self, name)[rows] for name in ("time_s", "step_s", "w", "f", "dw")},
+            temp_c=None if self.temp_c is None else self.temp_c[rows],
+        )
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -125,6 +127,11 @@ class SensorModel:
             for c in self.channels
             for u in (*c.model.coefficients, *c.model.parameters)
         }
+
+    @property
+    def needs_temperature(self) -> bool:
+        """Whether some channel's errors depend on its temperature."""
+        return any(c.model.needs & TEMPERATURES for c in self.channels)
 
     def start_values(self) -> FloatArray:
         """Return the unknowns of ideal sensors, shape (p,)."""
@@ -264,7 +271,8 @@ class SensorModel:
         if motion.temp_c is not None:
             x = motion.temp_c[:, axis] - self.t_ref_c
             own["x_c"] = own["x_slow_c"] = x
-            own["rate_c_per_min"] = _slope(motion.time_s, x) * 60.0
+            if "rate_c_per_min" in channel.model.needs:
+                own["rate_c_per_min"] = _slope(motion.time_s, x) * 60.0
         return own
 
 
