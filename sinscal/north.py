@@ -57,7 +57,7 @@ def judge_north(
     """
     pairs = list(zip(nominal.c_start, cycles, strict=True))
     found = np.array(
-        [azimuth_of(c @ mean_axis(cycle.measured.w, cycle.axis)) for c, cycle in pairs]
+        [azimuth_of(c @ mean_axis(cycle)) for c, cycle in pairs]
     )
     known = KnownNorth(nominal=nominal, facts=facts, azimuth_rad=found, sigma_rad=sigma_rad)
     given = facts.azimuth_rad
