@@ -78,7 +78,8 @@ class Consistency:
     bounded : Nis, optional
         Of the rows whose assumed noise is a bound (the rig's axis across itself; positions): at
         most the upper end of its interval when it is.
-    held_out : HoldOut, optional
+    held_out : tuple of HoldOut
+        One for each cycle held out.
     prior : Shift
         Of the estimates from what was expected beforehand: errors larger than the prior allows
         spoil NIS and the cycle held out as well.
@@ -90,7 +91,7 @@ class Consistency:
     nis: Nis
     channels: tuple[Channel, ...]
     bounded: Nis | None
-    held_out: HoldOut | None
+    held_out: tuple[HoldOut, ...]
     prior: Shift
     noise_known: bool
     converged: bool
@@ -112,8 +113,9 @@ class Consistency:
 
     @property
     def repeats(self) -> bool:
-        """Whether the cycle held out agrees with the others."""
-        return self.held_out is None or self.held_out.shift.p_value >= FALSE_ALARM
+        """Whether every cycle held out agrees with the others."""
+        least = FALSE_ALARM / max(1, len(self.held_out))
+        return all(held.shift.p_value >= least for held in self.held_out)
 
     @property
     def expected(self) -> bool:

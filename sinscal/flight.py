@@ -38,8 +38,8 @@ NOISE = "sensor noise"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SensorNoise:
-    """White noise of the sensors, in flight and in the alignment.
+class FlightNoise:
+    """White noise of the sensors in flight and in the alignment before it.
 
     Attributes
     ----------
@@ -127,7 +127,7 @@ def flight_sensitivity(
     names: tuple[str, ...],
     *,
     columns: ErrorColumns | None = None,
-    noise: SensorNoise | None = None,
+    noise: FlightNoise | None = None,
     every_s: float = 10.0,
 ) -> Sensitivity:
     """Propagate the sensitivity to each parameter along a flight, with the height held.
@@ -140,7 +140,7 @@ def flight_sensitivity(
     columns : callable, optional
         From a motion to ∂(δω, δf)/∂(parameters), (n, 6, m), for parameters of other sensors than
         those.
-    noise : SensorNoise, optional
+    noise : FlightNoise, optional
         None when not given.
     every_s : float
         Between output times.
@@ -150,7 +150,7 @@ def flight_sensitivity(
     ValueError
         If the output interval does not fit the flight.
     """
-    noise = noise or SensorNoise()
+    noise = noise or FlightNoise()
     steps = int(np.floor(plan.duration_s / STEP_S + 1e-9))
     every = round(every_s / STEP_S)
     if every < 1 or steps < every:
@@ -229,7 +229,7 @@ def alignment_map(plan: FlightPlan, columns: ErrorColumns) -> FloatArray:
     return out
 
 
-def alignment_noise_cov(plan: FlightPlan, noise: SensorNoise) -> FloatArray:
+def alignment_noise_cov(plan: FlightPlan, noise: FlightNoise) -> FloatArray:
     """Return the covariance of the start's errors from the noise in the alignment, shape (9, 9)."""
     by_gyro, by_accel = noise.mean_at_rest
     root = _align_jacobian(plan) * np.array([by_gyro] * 3 + [by_accel] * 3)

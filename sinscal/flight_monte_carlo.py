@@ -14,7 +14,7 @@ from scipy import stats
 from errormodel.arrays import FloatArray, freeze, readonly
 from sinscal.attitude import rotvec_of
 from sinscal.earth import A_M, earth_rate_enu
-from sinscal.flight import FlightCovariance, SensorNoise
+from sinscal.flight import FlightCovariance, FlightNoise
 from sinscal.navigation_errors import DLAT, DLON
 from sinscal.residual_errors import Calibration, at_rest, sensor_errors
 from sinscal.sensors import Motion
@@ -90,7 +90,7 @@ def fly_runs(
     calibration: Calibration,
     runs: int,
     *,
-    noise: SensorNoise | None = None,
+    noise: FlightNoise | None = None,
     seed: int = 0,
     every_s: float = 60.0,
     progress: Callable[[int, int], None] | None = None,
@@ -102,7 +102,7 @@ def fly_runs(
     plan : FlightPlan
     calibration : Calibration
     runs : int
-    noise : SensorNoise, optional
+    noise : FlightNoise, optional
     seed : int
     every_s : float
         Between output times.
@@ -114,7 +114,7 @@ def fly_runs(
     ValueError
         If there are no runs, or the output interval does not fit the flight.
     """
-    noise = noise or SensorNoise()
+    noise = noise or FlightNoise()
     every = round(every_s / STEP_S)
     if runs < 1:
         raise ValueError(f"{runs} runs, expected at least 1")
@@ -185,7 +185,7 @@ def align(gyro: FloatArray, accel: FloatArray) -> FloatArray:
 def _fly_once(
     flight: Flight,
     values: dict[str, float],
-    noise: SensorNoise,
+    noise: FlightNoise,
     rng: np.random.Generator,
     every: int,
 ) -> Track:

@@ -8,7 +8,7 @@ from scipy.optimize import minimize
 from scipy.special import struve
 
 from errormodel.arrays import FloatArray
-from sinscal.flight import SensorNoise, assess, flight_sensitivity
+from sinscal.flight import FlightNoise, assess, flight_sensitivity
 from sinscal.published import COARSE_M, PRECISE_M
 from sinscal.residual_errors import Calibration
 from sinscal.trajectory import MAX_SWING_RAD, FlightPlan
@@ -79,7 +79,7 @@ def find_trajectories(
     precise: Calibration,
     *,
     base: FlightPlan | None = None,
-    noise: SensorNoise | None = None,
+    noise: FlightNoise | None = None,
     speeds_m_s: Sequence[float] = SPEEDS_M_S,
     swings_rad: Sequence[float] = SWINGS_RAD,
     periods_s: Sequence[float] = PERIODS_S,
@@ -98,7 +98,7 @@ def find_trajectories(
         Of the same parameters.
     base : FlightPlan, optional
         Heading, duration, place and take-off.
-    noise : SensorNoise, optional
+    noise : FlightNoise, optional
     speeds_m_s, swings_rad, periods_s : sequence of float
         The grid; a swing is an amplitude of the heading.
     targets : tuple of float

@@ -1,11 +1,13 @@
 """A cycle held out: whether the others predict it, and whether it agrees with them."""
 
 from dataclasses import dataclass, replace
+from typing import Final, Literal
 
 import numpy as np
 from scipy.stats import chi2
 
 from errormodel.arrays import FloatArray
+from errormodel.errors import InputError
 from errormodel.filtering import NO_GATE, run_filter
 from sinscal.calibrate import RigCalibration
 from sinscal.navigation import NavCalibration
@@ -18,6 +20,11 @@ from sinscal.sensors import SensorModel
 # Directions in which the cycle brings less than this share of the variance are left out: there the
 # shift is as small as what the iteration leaves.
 LEAST_SHARE = 0.02
+LAST: Final = "last"
+EACH: Final = "each"
+NONE: Final = "none"
+# Which cycles to hold out: the last, each in turn, none, or one by its number from 1.
+Held = Literal["last", "each", "none"] | int
 SETTLE_S = 20.0  # at a cycle's beginning, in which its own attitude is found
 
 
@@ -53,6 +60,25 @@ class HoldOut:
     shift: Shift
     before_m_s2: float | None = None
     after_m_s2: float | None = None
+
+
+def cycles_held(held: Held, cycles: int, source: str) -> tuple[int, ...]:
+    """Return the cycles to hold out, from 0; none where there is but one.
+
+    Raises
+    ------
+    InputError
+        If the run has no such cycle, or no other.
+    """
+    if isinstance(held, int):
+        if not 1 <= held <= cycles:
+            raise InputError(source, f"holdout {held}", f"no such cycle; expected 1 to {cycles}")
+        if cycles == 1:
+            raise InputError(source, f"holdout {held}", "expected a cycle beside it")
+        return (held - 1,)
+    if held == NONE or cycles == 1:
+        return ()
+    return tuple(range(cycles)) if held == EACH else (cycles - 1,)
 
 
 def shift_test(
@@ -115,8 +141,8 @@ def without_cycle(
     )
 
 
-def hold_out_last(run: RigRun, found: RigCalibration, interval_s: float) -> HoldOut:
-    """Judge the last cycle by the others.
+def hold_out(run: RigRun, found: RigCalibration, cycle: int, interval_s: float) -> HoldOut:
+    """Judge a cycle by the others.
 
     Parameters
     ----------
@@ -124,18 +150,19 @@ def hold_out_last(run: RigRun, found: RigCalibration, interval_s: float) -> Hold
         Two cycles or more.
     found : RigCalibration
         Of all of them.
+    cycle : int
+        From 0.
     interval_s : float
         Between two measurements of the filter.
     """
-    last = len(run.cycles) - 1
-    values, cov = without_cycle(found, last)
-    alone, p = run.take_cycles([last]), len(found.sensors.names)
+    values, cov = without_cycle(found, cycle)
+    alone, p = run.take_cycles([cycle]), len(found.sensors.names)
     before, after = (
         force_residual(alone, found.sensors, v[:p], found.noise, interval_s)
         for v in (found.prior.values, values)
     )
     return HoldOut(
-        cycle=last,
+        cycle=cycle,
         shift=shift_test(found.values, found.cov, values, cov),
         before_m_s2=before,
         after_m_s2=after,

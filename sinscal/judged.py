@@ -17,7 +17,7 @@ from sinscal.consistency import (
     refused_of,
     rows_of_rig,
 )
-from sinscal.holdout import HoldOut, hold_out_last, shift_test, without_cycle
+from sinscal.holdout import Held, HoldOut, cycles_held, hold_out, shift_test, without_cycle
 from sinscal.navigation import NavCalibration, calibrate_navigation
 from sinscal.noise_estimate import NoiseFound, noise_of_run, refined
 from sinscal.observability import Observability, observability
@@ -51,8 +51,8 @@ class Options:
         Bound of the movement of the rig's axis across itself, rad/√Hz; that of the angle's noise
         if not given.
     t_ref_c : float
-    hold_out : bool
-        Whether the last cycle is judged by the others.
+    hold_out : {"last", "each", "none"} or int
+        The cycle judged by the others: the last, each in turn, none, or one by its number from 1.
     """
 
     mode: Mode = "coarse"
@@ -65,7 +65,7 @@ class Options:
     instability_tau_s: float = 3600.0
     wobble: float | None = None
     t_ref_c: float = T_REF_C
-    hold_out: bool = True
+    hold_out: Held = "last"
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -122,10 +122,10 @@ def calibrate_and_judge(run: RigRun, options: Options, tell: Tell = lambda _: No
         noise = refined(noise, found.filtered)
         tell("again with the noise that the innovations show")
         found = once(run, noise)
-    held = None
-    if options.hold_out and len(run.cycles) > 1:
-        tell("without the last cycle")
-        held = hold_out_last(run, found, options.interval_s)
+    held: list[HoldOut] = []
+    for cycle in cycles_held(options.hold_out, len(run.cycles), run.source):
+        tell(f"without cycle {cycle + 1}")
+        held.append(hold_out(run, found, cycle, options.interval_s))
     flag = np.asarray(run.flag)
     return judge(
         found,
@@ -155,11 +155,11 @@ def judge_navigation(run: NavRun, options: Options, tell: Tell = lambda _: None)
     prior = make_prior(sensors, options.priors)
     tell(f"calibrating: {len(sensors.names)} unknowns, {len(run.cycles)} cycle(s)")
     found = calibrate_navigation(run, sensors=sensors, prior=prior)
-    held, last = None, len(run.cycles) - 1
-    if options.hold_out and last > 0:
-        tell("without the last cycle")
-        shift = shift_test(found.values, found.cov, *without_cycle(found, last))
-        held = HoldOut(cycle=last, shift=shift)
+    held: list[HoldOut] = []
+    for cycle in cycles_held(options.hold_out, len(run.cycles), run.source):
+        tell(f"without cycle {cycle + 1}")
+        shift = shift_test(found.values, found.cov, *without_cycle(found, cycle))
+        held.append(HoldOut(cycle=cycle, shift=shift))
     return judge(found, [0] * len(run.cycles), held)
 
 
@@ -201,7 +201,7 @@ def _as_asked(noise: NoiseFound, options: Options) -> NoiseFound:
 def judge(
     found: Calibration,
     flagged: Sequence[int],
-    held: HoldOut | None,
+    held: Sequence[HoldOut],
     noise_known: bool = True,
     warnings: Sequence[str] = (),
 ) -> Judged:
@@ -212,7 +212,7 @@ def judge(
     found : RigCalibration or NavCalibration
     flagged : sequence of int
         How many rows of each cycle were not used as measurements.
-    held : HoldOut, optional
+    held : sequence of HoldOut
     noise_known : bool
         Whether the noise is not from the same data.
     warnings : sequence of str
@@ -230,7 +230,7 @@ def judge(
         nis=nis,
         channels=channels,
         bounded=bounded,
-        held_out=held,
+        held_out=tuple(held),
         prior=shift_test(found.values[:p], found.cov[:p, :p], found.prior.values, found.prior.cov),
         noise_known=noise_known,
         converged=found.converged,
@@ -260,9 +260,10 @@ def _contradictions(found: Calibration, consistency: Consistency) -> list[str]:
             "coloured_innovations: the innovations are not white: the sensors drift slowly or the "
             "model lacks something, and the sigmas are too small; " + _advice(found)
         )
-    if not consistency.repeats and consistency.held_out is not None:
+    if not consistency.repeats:
+        worst = min(consistency.held_out, key=lambda held: held.shift.p_value)
         out.append(
-            f"cycle_contradiction: cycle {consistency.held_out.cycle + 1} does not agree with the "
+            f"cycle_contradiction: cycle {worst.cycle + 1} does not agree with the "
             f"others; where nothing else is wrong the sensors drift: {_advice(found)}"
         )
     if not consistency.within_bound:

@@ -141,7 +141,6 @@ def _shift(shift: Shift) -> dict[str, Any]:
 
 def consistency_document(c: Consistency) -> dict[str, Any]:
     """Return a judgement as the result file holds it."""
-    held = c.held_out
     return {
         **_nis(c.nis),
         "passed": c.passed,
@@ -151,7 +150,7 @@ def consistency_document(c: Consistency) -> dict[str, Any]:
             "white": c.white,
             "no_slow_drift": c.steady,
             "within_bound": c.within_bound if c.bounded else None,
-            "held_out": c.repeats if held else None,
+            "held_out": c.repeats if c.held_out else None,
             "prior": c.expected,
         },
         "channels": {
@@ -160,14 +159,15 @@ def consistency_document(c: Consistency) -> dict[str, Any]:
         },
         "bounded": _nis(c.bounded) if c.bounded else None,
         "prior": _shift(c.prior),
-        "held_out": None
-        if held is None
-        else {
-            "cycle": held.cycle + 1,
-            **_shift(held.shift),
-            "force_residual_before_m_s2": held.before_m_s2,
-            "force_residual_after_m_s2": held.after_m_s2,
-        },
+        "held_out": [
+            {
+                "cycle": held.cycle + 1,
+                **_shift(held.shift),
+                "force_residual_before_m_s2": held.before_m_s2,
+                "force_residual_after_m_s2": held.after_m_s2,
+            }
+            for held in c.held_out
+        ],
     }
 
 

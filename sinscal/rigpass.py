@@ -21,8 +21,10 @@ MAX_ITERATIONS = 15
 # Iteration ends when no unknown moves by more than this share of its sigma.
 STEP_SIGMAS = 0.02
 # North is sought only until nothing moves by more than this: the next filter goes on from there.
-# Once the nominal moves by less, the derivatives about it stay.
 ROUGHLY_SIGMAS = 0.3
+# Once the nominal moves by less, the derivatives stay: after three sigmas attitudes and sensors are
+# another by 1e-4, and so are derivatives; estimates differ by less than 1e-3 of their sigmas.
+CHORD_SIGMAS = 3.0
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -61,7 +63,7 @@ def iterated(
 ) -> Pass:
     """Filter, improve the nominal, and again, until nothing moves by `enough` sigmas.
 
-    Derivatives are those of the first nominal from which little moves: a chord, not a tangent.
+    Derivatives are those of the first nominal from which little moves (`CHORD_SIGMAS`).
 
     Parameters
     ----------
@@ -96,7 +98,7 @@ def iterated(
         count += 1
         if moved >= enough:
             nominal = nominal.improved(filtered.state.x, layout)
-            steps = steps_about(nominal, steps if moved < ROUGHLY_SIGMAS else None)
+            steps = steps_about(nominal, steps if moved < CHORD_SIGMAS else None)
         if moved < enough or limit < np.inf:
             # the gate closes as far as what is left of outliers and of the linearisation allows
             limit = gate * max(1.0, 0.8 * spread_of(filtered))

@@ -99,7 +99,7 @@ def combine(
     judged = judge(
         made.calibration,
         [int(np.sum(flag[rows])) for rows in run.cycles],
-        None,
+        (),
         noise_known=not noise.estimated,
         warnings=noise.warnings,
     )

@@ -6,7 +6,6 @@ from pathlib import Path
 import click
 from rich.console import RenderableType
 
-from errormodel.atomic import write_files
 from errormodel.errors import InputError, NotSeparableError
 from thermo.compensated import CompensatedFile, compensate_files
 from thermo.fitting import AccelerometerFit, TermsFile, fit_runs, read_terms
@@ -16,10 +15,9 @@ from thermo.recording import RecordedRuns, read_runs, write_runs
 from workbench.console import emit, number, table
 from workbench.fit_output import fit_document, fit_text
 from workbench.outputs import (
-    REPORT_NAME,
     RUN_SUFFIXES,
-    check_report_folder,
-    checked_output,
+    Results,
+    check_results,
     checked_run_output,
     force_option,
     json_option,
@@ -73,36 +71,24 @@ def fit(
     """
     paths, wanted = _runs_and_ids(files, holdout)
     inputs = [*with_sidecars(paths), *([terms] if terms else [])]
-    if out is not None:
-        checked_output(out, inputs, force=force)
-    if report is not None:
-        check_report_folder(report, force=force)
+    check_results(out, report, inputs, force=force)
     given = read_terms(terms) if terms else None
     record = read_runs(paths)
     fits = _fit(record, given, wanted)
     model = make_model_file(fits)
-    document, text = fit_document(fits, model), list(fit_text(fits, model))
-    written: list[tuple[Path, bytes]] = []
-    if out is not None:
-        written.append((out, dump_model(model).encode()))
-        document["out"] = str(out)
-        text.append(f"model file: {out}")
-    if report is not None:
-        written += _report_files(fits, record, model, report)
-        document["report"] = str(report / REPORT_NAME)
-        text.append(f"report: {report / REPORT_NAME}")
-    write_files(written)
-    emit(document, text, as_json=as_json)
+    results = Results(fit_document(fits, model), list(fit_text(fits, model)))
+    results.add_file("model file", out, lambda: dump_model(model))
+    results.add_report(report, lambda: _report(fits, record, model))
+    results.write(as_json=as_json)
 
 
-def _report_files(
-    fits: Sequence[AccelerometerFit], record: RecordedRuns, model: ModelFile, folder: Path
-) -> list[tuple[Path, bytes]]:
+def _report(
+    fits: Sequence[AccelerometerFit], record: RecordedRuns, model: ModelFile
+) -> dict[str, bytes]:
     from workbench.report import ReportExtras, render_report  # matplotlib takes its second
 
     title = f"Temperature model of {', '.join(f.serial for f in fits):.80}"
-    pages = render_report(fits, record, title=title, extras=ReportExtras(model=model))
-    return [(folder / name, content) for name, content in pages.items()]
+    return render_report(fits, record, title=title, extras=ReportExtras(model=model))
 
 
 def _fit(

@@ -5,10 +5,10 @@ from pathlib import Path
 
 import click
 
-from errormodel.atomic import write_files
 from errormodel.errors import InputError
 from sinscal.combined import within_range
 from sinscal.earth import ARCSEC, DEG_PER_H
+from sinscal.holdout import EACH, LAST, NONE, Held
 from sinscal.judged import Judged, Options, calibrate_and_judge, judge_navigation
 from sinscal.priors import read_priors
 from sinscal.recording import compensated_with, read_nav_run, read_rig_run, write_rig_run
@@ -19,9 +19,8 @@ from sinscal.run_join import join_runs
 from workbench.combined_file import CombinedResult, read_calibration
 from workbench.console import emit, show_warnings_at_once
 from workbench.outputs import (
-    REPORT_NAME,
-    check_report_folder,
-    checked_output,
+    Results,
+    check_results,
     checked_run_output,
     force_option,
     json_option,
@@ -32,6 +31,17 @@ from workbench.rig_options import asked_groups
 
 FAILED = 1
 NAVIGATION = "navigation"
+
+
+def _held(ctx: click.Context, param: click.Parameter, value: str) -> Held:
+    """Return which cycle to hold out, as a word or the cycle's number."""
+    for word in (LAST, EACH, NONE):
+        if value == word:
+            return word
+    if not value.isdecimal():
+        said = f"{value!r}: expected a cycle's number, last, each or none"
+        raise click.BadParameter(said, ctx, param)
+    return int(value)
 
 
 @click.command()
@@ -60,7 +70,8 @@ NAVIGATION = "navigation"
               help="Bound of the rig axis's movement, ″/√Hz; the angle's noise if not given.",
               )  # fmt: skip
 @click.option("--t-ref-c", type=float, default=25.0, help="Reference temperature.")
-@click.option("--no-holdout", is_flag=True, help="Do not judge the last cycle by the others.")
+@click.option("--holdout", callback=_held, default=LAST, metavar="N|last|each|none",
+              help="Cycle to judge by the others.")  # fmt: skip
 @click.option("--out", type=Path, help="RESULT.json to write.")
 @click.option("--report", type=Path, help="Folder for the report and its figures.")
 @force_option
@@ -77,7 +88,7 @@ def calibrate(
     instability_tau_s: float,
     axis_wobble: float | None,
     t_ref_c: float,
-    no_holdout: bool,
+    holdout: Held,
     out: Path | None,
     report: Path | None,
     force: bool,
@@ -89,10 +100,7 @@ def calibrate(
     not consistent. In Python: sinscal.judged.calibrate_and_judge.
     """
     inputs = [*with_sidecars(files), *([priors] if priors else [])]
-    if out is not None:
-        checked_output(out, inputs, force=force)
-    if report is not None:
-        check_report_folder(report, force=force)
+    check_results(out, report, inputs, force=force)
     options = Options(
         mode="precise" if mode == "precise" else "coarse",
         groups=asked_groups(groups),
@@ -104,22 +112,14 @@ def calibrate(
         instability_tau_s=instability_tau_s,
         wobble=None if axis_wobble is None else axis_wobble * ARCSEC,
         t_ref_c=t_ref_c,
-        hold_out=not no_holdout,
+        hold_out=holdout,
     )
     run, judged = _calibrated(files, mode, options)
     result = make_result(judged, run)
-    document, text = calibration_document(result), list(calibration_text(result))
-    written: list[tuple[Path, bytes]] = []
-    if out is not None:
-        written.append((out, dump_result(result).encode()))
-        document["out"] = str(out)
-        text.append(f"result file: {out}")
-    if report is not None:
-        written += _report_files(judged, run, result, report)
-        document["report"] = str(report / REPORT_NAME)
-        text.append(f"report: {report / REPORT_NAME}")
-    write_files(written)
-    emit(document, text, as_json=as_json)
+    results = Results(calibration_document(result), list(calibration_text(result)))
+    results.add_file("result file", out, lambda: dump_result(result))
+    results.add_report(report, lambda: _report(judged, run, result))
+    results.write(as_json=as_json)
     return 0 if judged.passed else FAILED
 
 
@@ -142,13 +142,10 @@ def _tell(text: str) -> None:
     click.echo(text, err=True)
 
 
-def _report_files(
-    judged: Judged, run: RigRun | NavRun, result: RigResult, folder: Path
-) -> list[tuple[Path, bytes]]:
+def _report(judged: Judged, run: RigRun | NavRun, result: RigResult) -> dict[str, bytes]:
     from workbench.rig_calibrate_report import render_calibration  # matplotlib takes its second
 
-    pages = render_calibration(judged, run, result)
-    return [(folder / name, content) for name, content in pages.items()]
+    return render_calibration(judged, run, result)
 
 
 @click.command()

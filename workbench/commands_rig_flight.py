@@ -1,31 +1,27 @@
 """`accelbench rig flight`: what calibrations are worth in metres after an hour of flight."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import click
 
-from errormodel.atomic import write_files
 from sinscal.earth import DEG_PER_H
-from sinscal.flight import FlightCovariance, SensorNoise, assess, flight_sensitivity
+from sinscal.flight import FlightCovariance, FlightNoise, assess, flight_sensitivity
 from sinscal.flight_monte_carlo import Agreement, agreement, fly_runs
 from sinscal.residual_errors import Calibration
 from sinscal.trajectory import FlightPlan
-from workbench.console import emit
-from workbench.figures_flight import draw_flight
 from workbench.flight_output import (
     FlownCalibration,
     flight_document,
     flight_text,
     read_calibrations,
 )
-from workbench.outputs import checked_output, force_option, json_option
+from workbench.outputs import Results, check_results, force_option, json_option
 
 FAILED = 1
 EVERY_S = 10.0
-REPORT_FILES = ("flight-error.png", "flight-trajectory.png")
 POSITIVE = click.FloatRange(min=0.0, min_open=True)
 NOT_NEGATIVE = click.FloatRange(min=0.0)
 
@@ -67,7 +63,7 @@ NOT_NEGATIVE = click.FloatRange(min=0.0)
     help="Fly N runs of the full navigator and hold them against the covariance.",
 )
 @click.option("--seed", type=click.IntRange(min=0), default=0, help="Of the Monte Carlo.")
-@click.option("--report", type=Path, help="Folder for the pictures.")
+@click.option("--report", type=Path, help="Folder for the report and its figures.")
 @force_option
 @json_option
 def flight(
@@ -78,31 +74,26 @@ def flight(
     The system is aligned at rest, takes off and navigates by itself; its errors are those that
     calibration left, and the sensors' noise. In Python: sinscal.flight.
     """
-    if report is not None:
-        for name in REPORT_FILES:
-            _check_report(report / name, force=force)
+    check_results(None, report, [], force=force)
     calibrations = read_calibrations(files)
     plan, noise = _plan(given), _noise(given)
     flown = [
         _fly(name, one, plan, noise, runs=given["runs"], seed=given["seed"])
         for name, one in calibrations
     ]
-    if report is not None:
-        report.mkdir(parents=True, exist_ok=True)
-        pictures = draw_flight(plan, flown, REPORT_FILES)
-        write_files([(report / p.name, p.png) for p in pictures])
-    document = flight_document(plan, noise, flown)
-    emit(document, flight_text(plan, noise, flown), as_json=as_json)
+    results = Results(flight_document(plan, noise, flown), flight_text(plan, noise, flown))
+    results.add_report(report, lambda: _report(plan, noise, flown))
+    results.write(as_json=as_json)
     agrees = all(one.agreement is None or one.agreement.agrees for one in flown)
     return 0 if agrees else FAILED
 
 
-def _check_report(path: Path, *, force: bool) -> None:
-    folder = path.parent
-    if folder.exists() and not folder.is_dir():
-        raise click.UsageError(f"--report {folder}: is a file, expected a folder")
-    if folder.is_dir():
-        checked_output(path, [], force=force)
+def _report(
+    plan: FlightPlan, noise: FlightNoise, flown: Sequence[FlownCalibration]
+) -> dict[str, bytes]:
+    from workbench.rig_flight_report import render_flight  # matplotlib takes its second
+
+    return render_flight(plan, noise, flown)
 
 
 def _plan(given: dict[str, Any]) -> FlightPlan:
@@ -123,9 +114,9 @@ def _plan(given: dict[str, Any]) -> FlightPlan:
         raise click.UsageError(str(err)) from err
 
 
-def _noise(given: dict[str, Any]) -> SensorNoise:
+def _noise(given: dict[str, Any]) -> FlightNoise:
     try:
-        return SensorNoise(
+        return FlightNoise(
             gyro=given["gyro_noise_deg_h_rthz"] * DEG_PER_H,
             accel=given["accel_noise_m_s2_rthz"],
             alignment_s=given["alignment_s"],
@@ -135,9 +126,9 @@ def _noise(given: dict[str, Any]) -> SensorNoise:
 
 
 def _fly(
-    name: str, one: Calibration, plan: FlightPlan, noise: SensorNoise, *, runs: int, seed: int
+    name: str, one: Calibration, plan: FlightPlan, noise: FlightNoise, *, runs: int, seed: int
 ) -> FlownCalibration:
-    def covariance(noise: SensorNoise) -> FlightCovariance:
+    def covariance(noise: FlightNoise) -> FlightCovariance:
         found = flight_sensitivity(plan, one.names, noise=noise, every_s=EVERY_S)
         return assess(found, one)
 
@@ -147,7 +138,7 @@ def _fly(
         told = _teller(name)
         flown = fly_runs(plan, one, runs, noise=noise, seed=seed, every_s=EVERY_S, progress=told)
         held = agreement(flown, whole)
-    return FlownCalibration(name=name, found=whole, alone=covariance(SensorNoise()), agreement=held)
+    return FlownCalibration(name=name, found=whole, alone=covariance(FlightNoise()), agreement=held)
 
 
 def _teller(name: str) -> Callable[[int, int], None]:

@@ -6,17 +6,9 @@ from typing import get_args
 
 import click
 
-from errormodel.atomic import write_files
 from errormodel.tables import sidecar_path
 from sinscal.rest_calibration import Rests, Unit, calibrate_at_rest, rests_of_log, rests_of_run
-from workbench.console import emit
-from workbench.outputs import (
-    REPORT_NAME,
-    check_report_folder,
-    checked_output,
-    force_option,
-    json_option,
-)
+from workbench.outputs import Results, check_results, force_option, json_option
 from workbench.triad_output import render_triad, triad_document, triad_text
 
 
@@ -59,26 +51,15 @@ def triad(
     FILE is a recorded rig run, or with --columns and --gravity any delimited log. In Python:
     sinscal.rest_calibration.calibrate_at_rest.
     """
-    if out is not None:
-        checked_output(out, [file, sidecar_path(file)], force=force)
-    if report is not None:
-        check_report_folder(report, force=force)
+    check_results(out, report, [file, sidecar_path(file)], force=force)
     rests = _rests(file, columns, gravity, rate_hz, time_column, unit)
     done = calibrate_at_rest(
         rests, gauge="upper" if form == "upper" else "lower", with_temperature=temperature
     )
-    document, text = triad_document(done), list(triad_text(done))
-    written: list[tuple[Path, bytes]] = []
-    if out is not None:
-        written.append((out, (json.dumps(document, indent=2) + "\n").encode()))
-        document["out"] = str(out)
-        text.append(f"written: {out}")
-    if report is not None:
-        written += [(report / name, content) for name, content in render_triad(done).items()]
-        document["report"] = str(report / REPORT_NAME)
-        text.append(f"report: {report / REPORT_NAME}")
-    write_files(written)
-    emit(document, text, as_json=as_json)
+    results = Results(triad_document(done), list(triad_text(done)))
+    results.add_file("written", out, lambda: json.dumps(results.document, indent=2) + "\n")
+    results.add_report(report, lambda: render_triad(done))
+    results.write(as_json=as_json)
 
 
 def _rests(

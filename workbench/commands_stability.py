@@ -4,15 +4,13 @@ from pathlib import Path
 
 import click
 
-from errormodel.atomic import write_files
 from errormodel.errors import InputError, NotSeparableError
 from thermo.fitting import TermsFile, read_terms
 from thermo.recording import RecordedRuns, read_runs
 from thermo.stability import Stability, judge_stability
 from thermo.stability_limits import LimitsFile, read_limits
 from thermo.store_files import open_existing_store, stored_runs
-from workbench.console import emit
-from workbench.outputs import REPORT_NAME, check_report_folder, force_option, json_option
+from workbench.outputs import Results, check_results, force_option, json_option
 from workbench.stability_output import stability_document, stability_text
 
 
@@ -46,22 +44,21 @@ def stability(
     Needs two runs or more of each accelerometer. Exit code 1 when one exceeds a limit beyond
     chance. In Python: thermo.stability.judge_stability.
     """
-    if report is not None:
-        check_report_folder(report, force=force)
+    check_results(None, report, [], force=force)
     asked = _limits(limits, between)
     wanted = read_terms(terms) if terms else None
     record = _runs(files, store, test_id)
     result = _judge(record, wanted, at_c, asked)
-    document, text = stability_document(result), list(stability_text(result))
-    if report is not None:
-        from workbench.stability_report import render_stability  # matplotlib takes its second
-
-        pages = render_stability(result, record)
-        write_files([(report / name, content) for name, content in pages.items()])
-        document["report"] = str(report / REPORT_NAME)
-        text.append(f"report: {report / REPORT_NAME}")
-    emit(document, text, as_json=as_json)
+    results = Results(stability_document(result), list(stability_text(result)))
+    results.add_report(report, lambda: _report(result, record))
+    results.write(as_json=as_json)
     return 1 if result.failed else 0
+
+
+def _report(result: Stability, record: RecordedRuns) -> dict[str, bytes]:
+    from workbench.stability_report import render_stability  # matplotlib takes its second
+
+    return render_stability(result, record)
 
 
 def _limits(limits: Path | None, between: Path | None) -> LimitsFile:

@@ -7,7 +7,9 @@ import numpy as np
 
 from errormodel.arrays import FloatArray
 from sinscal.attitude import angles_from_c_nb
+from sinscal.earth import ARCMIN
 from sinscal.flight import NOISE
+from sinscal.navigation_errors import DV, PHI
 from sinscal.trajectory import Flight, FlightPlan, fly
 from workbench.flight_output import FlownCalibration, group_title, trajectory
 from workbench.plotting import (
@@ -24,11 +26,41 @@ SHOWN_SHARE = 0.005  # of ρ² at some time
 FEW_PERIODS = 3.5
 
 
+PICTURES = ("flight-error.png", "flight-sigmas.png", "flight-trajectory.png")
+
+
 def draw_flight(
-    plan: FlightPlan, flown: Sequence[FlownCalibration], names: tuple[str, str]
-) -> list[Picture]:
-    """Draw errors and trajectory; `names` are those of the two files."""
-    return [_errors(plan, flown, names[0]), _trajectory(fly(plan, 1.0), names[1])]
+    plan: FlightPlan, flown: Sequence[FlownCalibration]
+) -> tuple[Picture, Picture, Picture]:
+    """Draw the position's error, the sigmas of attitude and velocity, and the trajectory."""
+    position, sigmas, way = PICTURES
+    drawn = _errors(plan, flown, position), _sigmas(flown, sigmas)
+    return *drawn, _trajectory(fly(plan, 1.0), way)
+
+
+def _sigmas(flown: Sequence[FlownCalibration], name: str) -> Picture:
+    figure = new_figure(11.0, 3.8)
+    tilt, heading, velocity = figure.subplots(1, 3)
+    handles: dict[str, Any] = {}
+    for k, one in enumerate(flown):
+        minutes, colour = one.found.time_s / 60.0, COLOURS[k % len(COLOURS)]
+        attitude, speed = one.found.sigma[:, PHI] / ARCMIN, one.found.sigma[:, DV]
+        for j, axis in enumerate(("east", "north")):  # up is the heading, and the height is held
+            style = STYLES[j]
+            (line,) = tilt.plot(minutes, attitude[:, j], color=colour, linestyle=style)
+            handles[f"{one.name}, {axis}"] = line
+            velocity.plot(minutes, speed[:, j], color=colour, linestyle=style)
+        (line,) = heading.plot(minutes, attitude[:, 2], color=colour, linestyle=STYLES[2])
+        handles[f"{one.name}, heading"] = line
+    dress(tilt, title="tilt about east and north", x="time, min", y="σ, arcmin")
+    dress(heading, title="heading", x="time, min", y="σ, arcmin")
+    dress(velocity, title="velocity east and north", x="time, min", y="σ, m/s")
+    for axes in (tilt, heading, velocity):
+        axes.set_xlim(left=0.0)
+        axes.set_ylim(bottom=0.0)
+    legend_below(figure, list(handles.values()), list(handles), enlarge=1.0)
+    caption = "Standard deviations of attitude and velocity over the flight, by axis."
+    return picture(figure, name, caption)
 
 
 def _errors(plan: FlightPlan, flown: Sequence[FlownCalibration], name: str) -> Picture:

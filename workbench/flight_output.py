@@ -12,7 +12,7 @@ from rich.console import RenderableType
 
 from errormodel.errors import InputError
 from sinscal.earth import ARCMIN, DEG_PER_H
-from sinscal.flight import NOISE, FlightCovariance, SensorNoise
+from sinscal.flight import NOISE, FlightCovariance, FlightNoise
 from sinscal.flight_monte_carlo import Agreement
 from sinscal.navigation_errors import DV, PHI
 from sinscal.published import COARSE_M, PRECISE_M, published_calibrations
@@ -96,7 +96,7 @@ def _calibration(path: Path, place: str, part: Mapping[str, Any]) -> Calibration
 
 
 def flight_document(
-    plan: FlightPlan, noise: SensorNoise, flown: Sequence[FlownCalibration]
+    plan: FlightPlan, noise: FlightNoise, flown: Sequence[FlownCalibration]
 ) -> dict[str, Any]:
     """Return what `rig flight --json` writes."""
     return {
@@ -160,7 +160,7 @@ def _calibration_document(one: FlownCalibration) -> dict[str, Any]:
 
 
 def flight_text(
-    plan: FlightPlan, noise: SensorNoise, flown: Sequence[FlownCalibration]
+    plan: FlightPlan, noise: FlightNoise, flown: Sequence[FlownCalibration]
 ) -> list[RenderableType]:
     """Return the same for people."""
     made = table("calibration", "ρ m", "ρ without noise m", "of ρ², %", right=("ρ m",))
@@ -180,15 +180,21 @@ def flight_text(
             f"coarse to precise {number(figures['ratio'], 3)}; the article has "
             f"{COARSE_M:.0f} m and {PRECISE_M:.0f} m, {COARSE_M / PRECISE_M:.2f}"
         )
-    lines.append(
-        f"noise: gyros {number(noise.gyro / DEG_PER_H)} °/h/√Hz, accelerometers "
-        f"{number(noise.accel)} m/s²/√Hz, alignment of {number(noise.alignment_s)} s"
-    )
-    lines += [_held_text(one.name, one.agreement) for one in flown if one.agreement]
+    lines.append(noise_text(noise))
+    lines += [held_text(one.name, one.agreement) for one in flown if one.agreement]
     return lines
 
 
-def _held_text(name: str, held: Agreement) -> str:
+def noise_text(noise: FlightNoise) -> str:
+    """Say the sensors' noise in one line."""
+    return (
+        f"noise: gyros {number(noise.gyro / DEG_PER_H)} °/h/√Hz, accelerometers "
+        f"{number(noise.accel)} m/s²/√Hz, alignment of {number(noise.alignment_s)} s"
+    )
+
+
+def held_text(name: str, held: Agreement) -> str:
+    """Say whether the full navigator's runs agree with the covariance."""
     low, high = held.rho_interval_m
     verdict = "agree with" if held.agrees else "CONTRADICT"
     return (

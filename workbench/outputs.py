@@ -1,12 +1,17 @@
 """Where results may be written: never over an input, and over an old result only when told so."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import click
+from rich.console import RenderableType
 
+from errormodel.atomic import write_files
 from errormodel.errors import InputError
 from thermo.recording import sidecar_path
+from workbench.console import emit
 
 REPORT_NAME = "report.html"
 RUN_SUFFIXES = (".csv", ".parquet", ".pq")
@@ -67,6 +72,50 @@ def check_report_folder(folder: Path, *, force: bool) -> None:
         raise click.UsageError(f"--report {folder}: is a file, expected a folder")
     if folder.is_dir():
         checked_output(folder / REPORT_NAME, [], force=force)
+
+
+def check_results(
+    out: Path | None, report: Path | None, inputs: Sequence[Path], *, force: bool
+) -> None:
+    """Check where a result file and a report shall go, each when asked for.
+
+    Raises
+    ------
+    UsageError, InputError
+        As `checked_output` and `check_report_folder`.
+    """
+    if out is not None:
+        checked_output(out, inputs, force=force)
+    if report is not None:
+        check_report_folder(report, force=force)
+
+
+@dataclass(slots=True)
+class Results:
+    """What a command answers: a document, the same in words, and files, written together."""
+
+    document: dict[str, Any]
+    text: list[RenderableType]
+    files: list[tuple[Path, bytes]] = field(default_factory=list[tuple[Path, bytes]])
+
+    def add_file(self, kind: str, out: Path | None, content: Callable[[], str]) -> None:
+        """Add a result file when one is asked for; `kind` is what it is."""
+        if out is not None:
+            self.files.append((out, content().encode()))
+            self.document["out"] = str(out)
+            self.text.append(f"{kind}: {out}")
+
+    def add_report(self, folder: Path | None, pages: Callable[[], Mapping[str, bytes]]) -> None:
+        """Add a report's files when it is asked for."""
+        if folder is not None:
+            self.files += [(folder / name, content) for name, content in pages().items()]
+            self.document["report"] = str(folder / REPORT_NAME)
+            self.text.append(f"report: {folder / REPORT_NAME}")
+
+    def write(self, *, as_json: bool) -> None:
+        """Write the files, all or none, and then tell."""
+        write_files(self.files)
+        emit(self.document, self.text, as_json=as_json)
 
 
 def with_sidecars(paths: Sequence[Path]) -> list[Path]:

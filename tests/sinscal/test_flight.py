@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose
 
 from sinscal.attitude import rotvec_of
 from sinscal.earth import A_M, DEG_PER_H, earth_rate_enu
-from sinscal.flight import NOISE, SensorNoise, alignment_map, assess, flight_sensitivity
+from sinscal.flight import NOISE, FlightNoise, alignment_map, assess, flight_sensitivity
 from sinscal.flight_monte_carlo import agreement, align, fly_runs
 from sinscal.flight_search import find_trajectories
 from sinscal.navigation_errors import DLAT, DLON
@@ -20,7 +20,7 @@ from sinscal.residual_errors import Calibration, at_rest, error_columns, sensor_
 from sinscal.strapdown import NavState, navigate
 from sinscal.trajectory import FlightPlan, fly
 
-NOISY = SensorNoise(gyro=GYRO_NOISE, accel=ACCEL_NOISE, alignment_s=600.0)
+NOISY = FlightNoise(gyro=GYRO_NOISE, accel=ACCEL_NOISE, alignment_s=600.0)
 SNAKE = FlightPlan(
     speed_m_s=200.0, heading_rad=np.pi / 2, amplitude_m=3300.0, period_s=300.0, duration_s=3600.0
 )

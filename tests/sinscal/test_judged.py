@@ -12,7 +12,7 @@ from sinscal.judged import Options, calibrate_and_judge
 from sinscal.run_join import join_runs
 from tests.sinscal.twin import make_twin
 
-QUICK = Options(hold_out=False)
+QUICK = Options(hold_out="none")
 
 
 def names_of(warnings: tuple[str, ...]) -> set[str]:
@@ -23,9 +23,31 @@ def test_a_right_run_passes_without_a_warning() -> None:
     judged = calibrate_and_judge(make_twin(1).run, Options())
     assert judged.passed
     assert judged.warnings == ()
-    held = judged.consistency.held_out
-    assert held is not None
+    (held,) = judged.consistency.held_out
+    assert held.cycle == 2
     assert held.after_m_s2 < held.before_m_s2
+
+
+def test_any_cycle_can_be_held_out_or_each_in_turn() -> None:
+    run = make_twin(1).run
+    each = calibrate_and_judge(run, Options(hold_out="each")).consistency
+    assert [held.cycle for held in each.held_out] == [0, 1, 2]
+    assert each.repeats
+    (first,) = calibrate_and_judge(run, Options(hold_out=1)).consistency.held_out
+    assert first == each.held_out[0]
+    for wrong in (0, 4):
+        with pytest.raises(InputError, match="expected 1 to 3"):
+            calibrate_and_judge(run, Options(hold_out=wrong))
+
+
+def test_the_cycle_that_disagrees_is_named_whichever_it_is() -> None:
+    run = make_twin(1).run
+    gyro = np.array(run.gyro)
+    gyro[run.cycles[0], 1] += 10 * np.deg2rad(0.5) / 3600  # ten sigmas of the bias beforehand
+    found = calibrate_and_judge(replace(run, gyro=gyro), Options(hold_out="each"))
+    assert not found.consistency.repeats
+    least = min(found.consistency.held_out, key=lambda held: held.shift.p_value)
+    assert f"cycle {least.cycle + 1} does not agree" in " ".join(found.warnings)
 
 
 def test_a_wrong_azimuth_is_named_and_not_used() -> None:

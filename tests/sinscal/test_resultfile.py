@@ -25,7 +25,7 @@ WARM = ("accel_temperature_bias", "accel_temperature_scale", "gyro_temperature_d
 
 def test_what_is_read_is_what_was_written(tmp_path: Path) -> None:
     twin = make_twin(1, angle=True)
-    judged = calibrate_and_judge(twin.run, Options(mode="precise", hold_out=False))
+    judged = calibrate_and_judge(twin.run, Options(mode="precise", hold_out="none"))
     result = make_result(judged, twin.run)
     path = tmp_path / "r.json"
     path.write_text(dump_result(result), encoding="utf-8")
@@ -42,7 +42,7 @@ def test_what_is_read_is_what_was_written(tmp_path: Path) -> None:
 
 def test_a_result_changed_by_hand_is_refused(tmp_path: Path) -> None:
     twin = make_twin(1)
-    result = make_result(calibrate_and_judge(twin.run, Options(hold_out=False)), twin.run)
+    result = make_result(calibrate_and_judge(twin.run, Options(hold_out="none")), twin.run)
     path = tmp_path / "r.json"
     text = dump_result(result)
     path.write_text(text.replace('"t_ref_c": 25.0', '"t_ref_c": 24.0'), encoding="utf-8")

@@ -70,7 +70,7 @@ def test_a_calibration_that_fails_ends_with_1_and_says_why(
     path = tmp_path / "noisy.csv"
     facts = replace(twin.run.facts, accel_noise=1e-4)
     write_rig_run(replace(twin.run, facts=facts), path)
-    told = run(calibrate, path, "--no-holdout", "--json")
+    told = run(calibrate, path, "--holdout", "none", "--json")
     assert told.return_value == 1
     assert any("noise_contradiction" in w for w in json.loads(told.stdout)["warnings"])
 
@@ -81,6 +81,8 @@ def test_a_calibration_that_fails_ends_with_1_and_says_why(
         (("--groups", "lever"), "expected one of gyro_bias"),
         (("--groups", "accel_temperature_bias"), "temp_c"),
         (("--priors", "nowhere.toml"), "nowhere.toml"),
+        (("--holdout", "4"), "no such cycle; expected 1 to 3"),
+        (("--holdout", "first"), "expected a cycle's number, last, each or none"),
         (("--out", "run.csv"), "is an input"),
     ],
 )

@@ -10,7 +10,8 @@ import pytest
 
 from errormodel.errors import InputError
 from sinscal.published import published_calibrations
-from workbench.commands_rig_flight import REPORT_FILES, flight
+from workbench.commands_rig_flight import flight
+from workbench.figures_flight import PICTURES
 
 SHORT = ("--duration-s", "900", "--json")
 
@@ -62,7 +63,10 @@ def test_pictures_and_words(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
     captured = capsys.readouterr()
     assert "4 runs of the full navigator agree" in captured.out
     assert "coarse: 4 of 4 runs flown" in captured.err
-    for name in REPORT_FILES:
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    for told in ("1900", "1100", "Error budget", "4 runs of the full navigator agree"):
+        assert told in page
+    for name in PICTURES:
         assert (tmp_path / "out" / name).read_bytes().startswith(b"\x89PNG")
     with pytest.raises(InputError, match="exists already"):
         flight.main(args=words, prog_name="flight", standalone_mode=False)
