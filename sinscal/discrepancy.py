@@ -17,8 +17,8 @@ from errormodel.discrepancy.search import Search
 from sinscal.calibrate import Mode, noise_of
 from sinscal.discrepancy_source import FilterProblem, RigSource
 from sinscal.rig_effects import BY_NAME, RigEffect
+from sinscal.rig_model_file import RigModelFile, check_needs
 from sinscal.run import BoolArray, RigRun
-from sinscal.sensors import T_REF_C
 
 DRAWS = 200
 Tell = Callable[[str], None]
@@ -105,26 +105,27 @@ def find_rig_discrepancy(
     run: RigRun,
     *,
     mode: Mode | None = None,
+    present: RigModelFile | None = None,
     rules: Rules | None = None,
     draws: int = DRAWS,
     seed: int = 1,
-    t_ref_c: float = T_REF_C,
     tell: Tell = lambda line: None,
 ) -> RigDiscrepancy:
-    """Find and name what is missing from the basic model of a SINS in a recorded rig run.
+    """Find and name what is missing from the model of a SINS in a recorded rig run.
 
     Parameters
     ----------
     run : RigRun
         Its facts state the densities of the noise.
     mode : {"coarse", "precise"}, optional
-        By default precise where the rig's angle is recorded.
+        By default as the present model says, or precise where the rig's angle is recorded.
+    present : RigModelFile, optional
+        The present model; by default the basic errors alone (`sinscal.terms.BASIC`).
     rules : Rules, optional
     draws : int
         Simulated nulls that calibrate every statistic.
     seed : int
         Of the draws.
-    t_ref_c : float
     tell : callable, optional
         Takes a line of progress.
 
@@ -139,9 +140,12 @@ def find_rig_discrepancy(
     """
     rules = rules or Rules()
     angle = run.rig_angle_rad is not None and run.facts.axis_of_cycle is not None
-    mode = mode or ("precise" if angle else "coarse")
-    source = RigSource(run, mode, noise_of(run.facts, mode), t_ref_c=t_ref_c)
-    tell("calibrating with the basic model")
+    by_data: Mode = "precise" if angle else "coarse"
+    mode = mode or (present.mode if present else by_data)
+    if present:
+        check_needs(present.groups, run, mode)
+    source = RigSource(run, mode, noise_of(run.facts, mode), present=present or RigModelFile())
+    tell("calibrating with the present model")
     problem = source.problem((), NoiseShape())
     floor = NoiseFloor(shape=NoiseShape(), sigma=1.0, support=((1.0, NoiseShape()),))
     tell(f"{draws} simulated nulls")
@@ -156,7 +160,7 @@ def find_rig_discrepancy(
     before, after = source.filter_with(()), source.filter_with(choices)
     slots = result.slots if choices else ()
     invisible, smallest = _foreseen(source, search.view(()), before)
-    places = [p for p in locate(search.view(()), laws) if verdict.verdict != "nothing"]
+    places = locate(search.view(()), laws) if verdict.verdict != "nothing" else ()
     return RigDiscrepancy(
         source=source,
         judgement=verdict,
@@ -212,8 +216,8 @@ def _floor(one: FilterProblem) -> dict[str, float]:
 def _by_row(one: FilterProblem, square: FloatArray) -> dict[str, float]:
     settled = _settled(one)
     return {
-        one.row_names[k]: float(np.sqrt(np.mean(square[settled[:, k], k])))
-        for k in one.rows
+        name: float(np.sqrt(np.mean(square[settled[:, k], k])))
+        for k, name in enumerate(one.rows.names)
         if settled[:, k].any()
     }
 
@@ -243,8 +247,8 @@ def _scaled(one: FilterProblem, normalised: FloatArray) -> dict[str, float]:
     settled = _settled(one) & np.isfinite(normalised)
     square = normalised**2 * one.found.filtered.variance
     return {
-        one.row_names[k]: float(np.sqrt(np.mean(square[settled[:, k], k])))
-        for k in one.rows
+        name: float(np.sqrt(np.mean(square[settled[:, k], k])))
+        for k, name in enumerate(one.rows.names)
         if settled[:, k].any()
     }
 
@@ -255,7 +259,7 @@ def _foreseen(
     """Return what the run cannot show, and the smallest size of the rest that can be named."""
     foresight = foresee(view, view.problem.candidates)
     recorded = {e.name for e in source.shown}
-    unrecorded = [e.name for e in source.effects if e.name not in recorded]
+    unrecorded = [e.name for e in source.effects if not (e.name in recorded or source.holds(e))]
     smallest: dict[str, tuple[float, str]] = {}
     for name, strength in zip(foresight.names, foresight.strength.tolist(), strict=True):
         if strength > 0.0:

@@ -13,6 +13,8 @@ from sinscal.run import RigRun
 
 BINS = 6
 SLOW_BINS = 12
+# An error of order k of the sensors has orders k ± 1 in the local axes: these show the first three.
+PHASE_ORDERS = (1, 2, 3, 4)
 
 
 def rig_factors(
@@ -32,11 +34,14 @@ def rig_factors(
     step_of, row_of : ndarray of int, shape (n,)
         Of each innovation.
     """
-    phase, rate, temp_c = _history(cycles, found)
+    phase, rate, temp_c = history(cycles, found)
     channels = (row_of[:, None] == np.unique(row_of)).astype(float)
     time_s = np.arange(found.time_s.size, dtype=float)
-    waves = np.column_stack([f(k * phase) for k in (1, 2) for f in (np.sin, np.cos)])
+    waves = np.column_stack([f(k * phase) for k in PHASE_ORDERS for f in (np.sin, np.cos)])
     per_cycle = (found.cycle_of_step[:, None] == np.arange(len(cycles))).astype(float)
+
+    # what is fixed to the sensors lies otherwise on the rig in each cycle
+    phases = (waves[:, :, None] * per_cycle[:, None, :]).reshape(waves.shape[0], -1)
 
     def each(columns: FloatArray) -> FloatArray:
         """Return each column for each channel."""
@@ -44,7 +49,7 @@ def rig_factors(
 
     made = [
         Factor(name="channel", groups=(channels,), repeatable=True),
-        Factor(name="rotation phase", groups=(each(waves),), repeatable=True),
+        Factor(name="rotation phase", groups=(each(phases),), repeatable=True),
         Factor(name="rate", groups=(each(_bins(rate, BINS)),), repeatable=True),
         Factor(name="cycle", groups=(each(per_cycle),), repeatable=True),
         Factor(name="time in run", groups=(each(_bins(time_s, SLOW_BINS)),), repeatable=False),
@@ -55,10 +60,10 @@ def rig_factors(
     return tuple(made)
 
 
-def _history(
+def history(
     cycles: Sequence[CycleData], found: RigCalibration
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the phase and rate of rotation and the temperature at every step."""
+    """Return the phase of rotation (mid-step), its rate and the temperature at every step."""
     parts: list[FloatArray] = []
     for cycle in cycles:
         m = cycle.measured
@@ -66,7 +71,8 @@ def _history(
         turned = np.cumsum(along * m.step_s)
         temp = np.zeros(len(m)) if m.temp_c is None else m.temp_c.mean(axis=1)
         ends = cycle.first[1:] - 1
-        block = np.column_stack([turned, along, temp])[ends]
+        middle = 0.5 * (turned[ends] + turned[cycle.first[:-1]])
+        block = np.column_stack([middle, along[ends], temp[ends]])
         parts += [block[:1], block]  # the step that begins the cycle measures nothing
     every = np.vstack(parts)
     assert every.shape[0] == found.time_s.size

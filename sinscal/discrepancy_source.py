@@ -4,6 +4,10 @@ The innovations over their sigmas are white, of unit variance, when nothing is m
 effect that the filter does not know would leave in them is had by sending its columns through the
 same gains (Willsky and Jones 1976). An effect chosen joins the filter itself, which is iterated
 anew: the enlarged model is verified by its own run, not by a regression.
+
+With the rig's angle all its rows are looked at: what the filter takes up through a row that nobody
+looks at is lost. Across the axis the noise assumed is a bound of the bearing's wobble, so these
+rows count no more than the bound allows, and beside the harmonics that a wobble has.
 """
 
 from collections.abc import Sequence
@@ -18,32 +22,30 @@ from errormodel.discrepancy.coloured import NoiseShape, TimeBase
 from errormodel.discrepancy.problem import Candidate, Problem, Signature, Theta
 from errormodel.filtering import NO_GATE, Steps, run_filter, signatures
 from sinscal.calibrate import Mode, RigCalibration, calibrate
-from sinscal.consistency import rows_of_rig
-from sinscal.discrepancy_factors import rig_factors
+from sinscal.consistency import Rows, rows_of_rig
+from sinscal.discrepancy_factors import history, rig_factors
 from sinscal.priors import make_prior
 from sinscal.rig_effects import BY_NAME, EFFECTS, RigEffect
+from sinscal.rig_model_file import RigModelFile
 from sinscal.rigfilter import CycleData, RigNoise, cycle_data, make_steps
 from sinscal.run import BoolArray, RigRun
-from sinscal.sensors import T_REF_C, SensorModel, sensor_model
+from sinscal.sensors import SensorModel, sensor_model
 from sinscal.terms import BASIC, bias_step
 
 STEP_TIMES = 40  # of the grid of a jump's times
 FINER = 12  # tried between a grid time and each of its neighbours
+BEARING_ORDERS = (2, 3, 4)  # harmonics of the rotation in which a bearing wobbles
 EDGE_S = 30.0  # a jump nearer to an end of the run is no more than the start's own uncertainty
 
 
 @dataclass(frozen=True, eq=False)
 class FilterProblem:
-    """One model's filter: its calibration and what effects would leave in its innovations.
-
-    `rows` are the rows of measurements that are looked at.
-    """
+    """One model's filter: its calibration and what effects would leave in its innovations."""
 
     run: RigRun
     found: RigCalibration
     cycles: tuple[CycleData, ...]
     effects: tuple[RigEffect, ...]
-    rows: tuple[int, ...]
     _made: dict[tuple[str, Theta], Signature] = field(
         default_factory=dict[tuple[str, Theta], Signature], repr=False
     )
@@ -61,11 +63,10 @@ class FilterProblem:
         numbers = np.maximum(np.append(self.found.cycle_of_step[1:], -1), self.found.cycle_of_step)
         return begin[numbers] + self.found.time_s
 
-    @cached_property
+    @property
     def kept(self) -> BoolArray:
-        """The innovations looked at, shape (K, m)."""
-        m = self.found.steps.h.shape[1]
-        return self.found.filtered.used & np.array([k in self.rows for k in range(m)])
+        """The innovations used, shape (K, m)."""
+        return self.found.filtered.used
 
     @cached_property
     def step_of(self) -> IntArray:
@@ -78,9 +79,34 @@ class FilterProblem:
         return np.nonzero(self.kept)[1]
 
     @property
-    def row_names(self) -> tuple[str, ...]:
-        """Names of the rows of measurements."""
-        return rows_of_rig(self.found.steps.h.shape[1]).names
+    def rows(self) -> Rows:
+        """The rows of measurements: their names, and which of them hold white noise."""
+        return rows_of_rig(self.found.steps.h.shape[1])
+
+    def bearing(self) -> FloatArray:
+        """Return what the bearing's wobble may do: harmonics of the rows across the axis.
+
+        In every cycle its own, from the second on: the first is how the SINS is mounted. Without
+        them a wobble within its bound would be something that follows the rotation.
+        """
+        found = self.found
+        across = [k for k in range(len(self.rows.names)) if k not in self.rows.white]
+        if not across:
+            return np.zeros((int(self.kept.sum()), 0))
+        turned = history(self.cycles, found)[0]
+        waves = [f(k * turned) for k in BEARING_ORDERS for f in (np.sin, np.cos)]
+        mine = [found.cycle_of_step == c for c in range(len(self.cycles))]
+        columns = np.column_stack([w * m for m in mine for w in waves])
+        h = np.zeros((turned.size, len(self.rows.names), len(across) * columns.shape[1]))
+        for i, row in enumerate(across):
+            h[:, row, i * columns.shape[1] : (i + 1) * columns.shape[1]] = columns
+        return self.normalised(h, np.zeros((turned.size, found.steps.phi.shape[1], h.shape[2])))
+
+    def normalised(self, h: FloatArray, phi: FloatArray) -> FloatArray:
+        """Return what columns of measurements and motion leave in the normalised innovations."""
+        seen = signatures(self.found.steps, self.gains, h, phi)
+        sigma = np.sqrt(self.found.filtered.variance[self.kept])
+        return seen[self.kept] / sigma[:, None]
 
     @cached_property
     def _wider(self) -> tuple[Steps, tuple[str, ...], dict[str, str]]:
@@ -128,9 +154,7 @@ class FilterProblem:
             after = [(self.elapsed_s > t)[:, None, None].astype(float) for (t,) in thetas]
             h = np.concatenate([h * a for a in after], axis=2)
             phi = np.concatenate([phi * a for a in after], axis=2)
-        seen = signatures(self.found.steps, self.gains, h, phi)
-        sigma = np.sqrt(self.found.filtered.variance[self.kept])
-        flat = seen[self.kept] / sigma[:, None]
+        flat = self.normalised(h, phi)
         for k, theta in enumerate(thetas):
             columns = flat[:, k * width : (k + 1) * width]
             self._made[effect.name, theta] = Signature(columns=np.ascontiguousarray(columns))
@@ -174,28 +198,15 @@ class FilterProblem:
         return Problem(
             times=times,
             residual=residual,
-            base=nothing,
+            base=self.bearing(),
             candidates=tuple(self.candidate(e) for e in self.effects),
             saturated=nothing,
             factors=rig_factors(self.run, self.cycles, found, steps, self.row_of),
             noise=NoiseShape(),
             sigma=1.0,
             events=frozenset(e.name for e in EFFECTS if e.step),
+            bounded=~np.isin(self.row_of, self.rows.white),
         )
-
-
-def judged_rows(found: RigCalibration) -> tuple[int, ...]:
-    """Return the rows to look at: those with noise, and those with a bound if it is exceeded.
-
-    Across its axis the rig's movement is only bounded; within the bound these rows hold no white
-    noise of a known size, beyond it they are what shows the mounting.
-    """
-    rows = rows_of_rig(found.steps.h.shape[1])
-    seen = found.filtered.innovation**2 / found.filtered.variance
-    beyond = [
-        k for k in range(seen.shape[1]) if k not in rows.white and np.nanmean(seen[:, k]) > 1.0
-    ]
-    return tuple(sorted([*rows.white, *beyond]))
 
 
 def _with_groups(sensors: SensorModel, groups: Sequence[str]) -> SensorModel:
@@ -210,13 +221,16 @@ def _with_groups(sensors: SensorModel, groups: Sequence[str]) -> SensorModel:
 
 @dataclass(frozen=True, eq=False)
 class RigSource:
-    """Makes the problem of the rig filter with some effects added; each model runs once."""
+    """Makes the problem of the rig filter with some effects added; each model runs once.
+
+    `present` is what the filter has beside the basic errors.
+    """
 
     run: RigRun
     mode: Mode
     noise: RigNoise
     interval_s: float = 1.0
-    t_ref_c: float = T_REF_C
+    present: RigModelFile = field(default_factory=RigModelFile)
     effects: tuple[RigEffect, ...] = EFFECTS
     _filters: dict[tuple[Choice, ...], FilterProblem] = field(
         default_factory=dict[tuple[Choice, ...], FilterProblem], repr=False
@@ -229,7 +243,16 @@ class RigSource:
     def shown(self) -> tuple[RigEffect, ...]:
         """The effects for which the run holds what they need."""
         angle = self.mode == "precise"
-        return tuple(e for e in self.effects if e.recorded(self.run, angle=angle))
+        missing = [e for e in self.effects if not self.holds(e)]
+        return tuple(e for e in missing if e.recorded(self.run, angle=angle))
+
+    def holds(self, effect: RigEffect) -> bool:
+        """Tell whether an effect is in the present model."""
+        if effect.step:
+            return any(s.kind == effect.step for s in self.present.steps)
+        if effect.groups:
+            return set(effect.groups) <= set(self.present.groups)
+        return self.present.mount
 
     def problem(self, chosen: Sequence[Choice], shape: NoiseShape) -> Problem:
         """Return the problem of the enlarged filter, run anew."""
@@ -240,15 +263,14 @@ class RigSource:
         return self._problems[key]
 
     def filter_with(self, chosen: Sequence[Choice]) -> FilterProblem:
-        """Return the filter of the basic model with some effects."""
+        """Return the filter of the present model with some effects."""
         key = _key(chosen)
         if key not in self._filters:
             names = {c.name for c in chosen}
             left = tuple(e for e in self.shown if e.name not in names)
             cycles = cycle_data(self.run, self.interval_s)
             found = self._calibrated(key)
-            rows = self.filter_with(()).rows if key else judged_rows(found)
-            self._filters[key] = FilterProblem(self.run, found, cycles, left, rows)
+            self._filters[key] = FilterProblem(self.run, found, cycles, left)
         return self._filters[key]
 
     def _calibrated(self, chosen: Sequence[Choice]) -> RigCalibration:
@@ -256,14 +278,15 @@ class RigSource:
         steps = [
             bias_step(e.step, c.theta[0]) for c, e in zip(chosen, effects, strict=True) if e.step
         ]
+        groups = (*BASIC, *self.present.groups, *(g for e in effects for g in e.groups))
         sensors = sensor_model(
-            (*BASIC, *(g for e in effects for g in e.groups)),
-            more=steps,
-            t_ref_c=self.t_ref_c,
+            tuple(dict.fromkeys(groups)),
+            more=[*(s.maker for s in self.present.steps), *steps],
+            t_ref_c=self.present.t_ref_c,
             gravity_m_s2=self.run.facts.site.gravity_m_s2,
         )
         prior = make_prior(sensors)
-        if not any(e.name == "rig_mount" for e in effects):
+        if not (self.present.mount or any(e.name == "rig_mount" for e in effects)):
             prior = replace(prior, mount_sigma_rad=0.0)
         return calibrate(
             self.run, self.mode, sensors=sensors, prior=prior, noise=self.noise,

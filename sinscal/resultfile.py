@@ -21,9 +21,11 @@ from sinscal.holdout import Shift
 from sinscal.judged import Calibration, Judged
 from sinscal.observability import GAUGE, Observability
 from sinscal.priors import group_of
+from sinscal.rig_model_file import BiasStep
 from sinscal.rigfilter import RigNoise
 from sinscal.run import NavRun, RigRun
 from sinscal.sensors import SensorModel, sensor_model
+from sinscal.terms import BASIC
 
 FORMAT = "accelbench-rig-calibration"
 VERSION = 1
@@ -92,6 +94,7 @@ class RigResult(_Part):
     software: str
     mode: str
     groups: tuple[str, ...]
+    steps: tuple[BiasStep, ...] = ()
     t_ref_c: Finite
     gravity_m_s2: Finite
     parameters: dict[str, ParameterValue]
@@ -132,7 +135,12 @@ class RigResult(_Part):
     @property
     def sensors(self) -> SensorModel:
         """The sensor model the values belong to."""
-        return sensor_model(self.groups, t_ref_c=self.t_ref_c, gravity_m_s2=self.gravity_m_s2)
+        return sensor_model(
+            self.groups,
+            more=[step.maker for step in self.steps],
+            t_ref_c=self.t_ref_c,
+            gravity_m_s2=self.gravity_m_s2,
+        )
 
     @property
     def values(self) -> FloatArray:
@@ -160,7 +168,8 @@ def make_result(judged: Judged, run: RigRun | NavRun) -> RigResult:
     result = RigResult(
         software=f"accelbench {version('accelbench')}",
         mode=found.mode,
-        groups=tuple(dict.fromkeys(group_of(n) for n in found.sensors.names)),
+        groups=_groups(found.sensors),
+        steps=judged.steps,
         t_ref_c=found.sensors.t_ref_c,
         gravity_m_s2=found.sensors.gravity_m_s2,
         parameters=_parameters(found),
@@ -214,6 +223,15 @@ def read_result(path: Path | str) -> RigResult:
     if result_digest(result) != result.result_id:
         raise InputError(path, "result_id", "does not fit the content: the file was changed")
     return result
+
+
+def _groups(sensors: SensorModel) -> tuple[str, ...]:
+    """Return a model's groups in an order that gives its names' order again.
+
+    Accelerometer x has no misalignment: what is added after the basic groups would come before it.
+    """
+    there = dict.fromkeys(group_of(n) for n in sensors.names)
+    return tuple(dict.fromkeys([*(g for g in BASIC if g in there), *there]))
 
 
 def _parameters(found: Calibration) -> dict[str, ParameterValue]:

@@ -10,8 +10,9 @@ from sinscal.earth import ARCSEC, DEG_PER_H
 from sinscal.judged import Judged, Options, calibrate_and_judge, judge_navigation
 from sinscal.priors import read_priors
 from sinscal.recording import compensated_with, read_nav_run, read_rig_run, write_rig_run
-from sinscal.resultfile import RigResult, dump_result, make_result, read_result
+from sinscal.resultfile import RigResult, dump_result, make_result, read_result, run_digest
 from sinscal.rig_compensation import compensate_run
+from sinscal.rig_model_file import RigModelFile, read_rig_model
 from sinscal.run import NavRun, RigRun
 from sinscal.run_join import join_runs
 from sinscal.terms import GROUPS
@@ -36,9 +37,10 @@ NAVIGATION = "navigation"
 @click.option(
     "--mode",
     type=click.Choice(["coarse", "precise", NAVIGATION]),
-    default="coarse",
-    help="Raw sensors; raw sensors and the rig's angle; navigation outputs.",
+    help="Raw sensors; raw sensors and the rig's angle; navigation outputs. By default as --model "
+    "says, else coarse.",
 )
+@click.option("--model", type=Path, help="MODEL.toml of discrepancy rig: estimate its terms too.")
 @click.option(
     "--groups", multiple=True, metavar="NAME", help="Also estimate, e.g. lever_arm; repeatable."
 )
@@ -56,7 +58,7 @@ NAVIGATION = "navigation"
 @click.option("--axis-wobble", type=click.FloatRange(min=0.0, min_open=True),
               help="Bound of the rig axis's movement, ″/√Hz; the angle's noise if not given.",
               )  # fmt: skip
-@click.option("--t-ref-c", type=float, default=25.0, help="Reference temperature.")
+@click.option("--t-ref-c", type=float, help="Reference temperature: --model's, else 25.")
 @click.option("--no-holdout", is_flag=True, help="Do not judge the last cycle by the others.")
 @click.option("--out", type=Path, help="RESULT.json to write.")
 @click.option("--report", type=Path, help="Folder for the report and its figures.")
@@ -64,7 +66,8 @@ NAVIGATION = "navigation"
 @json_option
 def calibrate(
     files: tuple[Path, ...],
-    mode: str,
+    mode: str | None,
+    model: Path | None,
     groups: tuple[str, ...],
     priors: Path | None,
     interval_s: float,
@@ -73,7 +76,7 @@ def calibrate(
     accel_instability: float,
     instability_tau_s: float,
     axis_wobble: float | None,
-    t_ref_c: float,
+    t_ref_c: float | None,
     no_holdout: bool,
     out: Path | None,
     report: Path | None,
@@ -85,14 +88,17 @@ def calibrate(
     Several files are cycles of one SINS that follow one another. Exit code 1 when the result is
     not consistent. In Python: sinscal.judged.calibrate_and_judge.
     """
-    inputs = [*with_sidecars(files), *([priors] if priors else [])]
+    inputs = [*with_sidecars(files), *(p for p in (priors, model) if p)]
     if out is not None:
         checked_output(out, inputs, force=force)
     if report is not None:
         check_report_folder(report, force=force)
+    larger = read_rig_model(model) if model else RigModelFile()
+    mode = mode or larger.mode
     options = Options(
         mode="precise" if mode == "precise" else "coarse",
-        groups=_groups(groups),
+        groups=(*larger.groups, *_groups(groups)),
+        steps=larger.steps,
         priors=read_priors(priors) if priors else None,
         interval_s=interval_s,
         gate=gate,
@@ -100,7 +106,7 @@ def calibrate(
         accel_instability=accel_instability,
         instability_tau_s=instability_tau_s,
         wobble=None if axis_wobble is None else axis_wobble * ARCSEC,
-        t_ref_c=t_ref_c,
+        t_ref_c=larger.t_ref_c if t_ref_c is None else t_ref_c,
         hold_out=not no_holdout,
     )
     run, judged = _calibrated(files, mode, options)
@@ -167,7 +173,8 @@ def _report_files(
 def compensate(file: Path, calibration: Path, out: Path, force: bool, as_json: bool) -> None:
     """Take the calibrated errors out of a rig run's readings.
 
-    Flags, times and the rig's angle stay as they are. A run that is compensated already is
+    Flags, times and the rig's angle stay as they are. A jump that the calibration found is taken
+    out of the run it was found in; in any other it is over. A run that is compensated already is
     refused. In Python: sinscal.rig_compensation.compensate_run.
     """
     checked_run_output(out, [*with_sidecars([file]), calibration], force=force)
@@ -177,7 +184,8 @@ def compensate(file: Path, calibration: Path, out: Path, force: bool, as_json: b
     run = read_rig_run(file, physics=False)
     if (before := compensated_with(file)) is not None:
         raise InputError(file, "", f"is compensated already, with {before}")
-    done = compensate_run(run, result.sensors, result.values)
+    later = run_digest(run) != result.run.digest
+    done = compensate_run(run, result.sensors, result.values, later=later)
     write_rig_run(done, out, compensated_with=result.result_id)
     flagged = int((~(done.flag == 0)).sum()) if done.flag is not None else 0
     document = {

@@ -1,4 +1,4 @@
-"""The verdict on a rig run told: as JSON, in words, and as the larger model's groups."""
+"""The verdict on a rig run told: as JSON, in words, and as the larger model."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -6,6 +6,7 @@ from typing import Any
 from rich.console import RenderableType
 
 from sinscal.discrepancy import RigDiscrepancy
+from sinscal.rig_model_file import BiasStep, FoundValue, RigModelFile
 from workbench.console import number, table
 from workbench.discrepancy_output import VERDICT_WORDS
 
@@ -89,12 +90,27 @@ def rig_text(d: RigDiscrepancy) -> Iterator[RenderableType]:
         yield f"Next experiment: {d.experiment}."
 
 
-def enlarged(d: RigDiscrepancy) -> str:
-    """Return TOML: the groups that `rig calibrate --groups` takes, and what was found."""
-    groups = [f'"{g}"' for e in d.effects for g in e.effect.groups]
-    lines = [f'mode = "{d.source.mode}"', f"groups = [{', '.join(groups)}]", ""]
-    for e in d.effects:
-        lines += [f"# {e.effect.sentence}", f"[effects.{e.effect.name}]"]
-        lines += [f"{n} = {p.value:.9g} # sigma {p.sigma:.2g} {p.unit}"
-                  for n, p in e.parameters.items()]  # fmt: skip
-    return "\n".join(lines) + "\n"
+def enlarged(d: RigDiscrepancy) -> RigModelFile:
+    """Return the larger model: the present one and what was found."""
+    present = d.source.present
+    steps = [
+        BiasStep(kind=e.effect.step, at_s=e.parameters[f"{e.effect.name}_at_s"].value)
+        for e in d.effects
+        if e.effect.step in ("gyro", "accel")
+    ]
+    found = {
+        e.effect.name: {
+            n: FoundValue(value=p.value, sigma=p.sigma, unit=p.unit)
+            for n, p in e.parameters.items()
+        }
+        for e in d.effects
+    }
+    groups = (*present.groups, *(g for e in d.effects for g in e.effect.groups))
+    return RigModelFile(
+        mode=d.source.mode,
+        t_ref_c=present.t_ref_c,
+        groups=tuple(dict.fromkeys(groups)),
+        mount=present.mount or "rig_mount" in found,
+        steps=(*present.steps, *steps),
+        effects={**present.effects, **found},
+    )
