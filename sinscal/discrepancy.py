@@ -1,7 +1,7 @@
 """Which physical effect is missing from the rig filter's model, found in its innovations."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from errormodel.discrepancy.coloured import NoiseShape
 from errormodel.discrepancy.floor import NoiseFloor
 from errormodel.discrepancy.foresight import NAMEABLE_D, foresee
 from errormodel.discrepancy.gate import FactorFinding, Judgement, judge, locate
+from errormodel.discrepancy.nulls import Calibration
 from errormodel.discrepancy.nulls import calibrate as simulate_nulls
 from errormodel.discrepancy.scan import View
 from errormodel.discrepancy.search import Search
@@ -64,8 +65,11 @@ class RigDiscrepancy:
     judgement : Judgement
     result : SearchResult
     effects : tuple of RigEffectFound
-    where : FactorFinding or None
-        The factor that carries the excess.
+    where : str or None
+        The factor that the named effect's error follows; without a name, the one that carries most
+        of the excess.
+    channel : str or None
+        The channel in which the excess is largest.
     rms_before, rms_after, floor : dict of str to float
         Of innovations by channel, m/s² and rad; the floor is what the noise stated gives.
     heldout : tuple of HeldOutCycle
@@ -79,7 +83,8 @@ class RigDiscrepancy:
     judgement: Judgement
     result: SearchResult
     effects: tuple[RigEffectFound, ...]
-    where: FactorFinding | None
+    where: str | None
+    channel: str | None
     rms_before: dict[str, float]
     rms_after: dict[str, float]
     floor: dict[str, float]
@@ -155,18 +160,20 @@ def find_rig_discrepancy(
     result = search.run()
     choices = tuple(s.choice for s in result.slots)
     verdict = judge(search.view(choices), result, laws, rules, too_much_drift=False)
+    places = locate(search.view(()), laws) if verdict.verdict != "nothing" else ()
+    verdict = outdone(verdict, result, places, laws, rules)
     if verdict.verdict not in ("named", "alias"):
         choices = ()
     before, after = source.filter_with(()), source.filter_with(choices)
     slots = result.slots if choices else ()
     invisible, smallest = _foreseen(source, search.view(()), before)
-    places = locate(search.view(()), laws) if verdict.verdict != "nothing" else ()
     return RigDiscrepancy(
         source=source,
         judgement=verdict,
         result=result,
         effects=tuple(_found(after, s) for s in slots),
-        where=places[0] if places else None,
+        where=_where(slots, places),
+        channel=_loudest(before) if verdict.verdict != "nothing" else None,
         rms_before=_rms(before),
         rms_after=_rms(after),
         floor=_floor(after),
@@ -175,6 +182,35 @@ def find_rig_discrepancy(
         smallest_nameable=smallest,
         experiment=_experiment(result, verdict, invisible),
     )
+
+
+def outdone(
+    verdict: Judgement,
+    result: SearchResult,
+    places: tuple[FactorFinding, ...],
+    laws: Calibration,
+    rules: Rules,
+) -> Judgement:
+    """Withdraw names that explain clearly less than a factor alone does.
+
+    A factor sees a part of what is there, and the effects that are truly missing explain all of it.
+    So where a factor explains more, by more than luck gives it, what is there is something else: a
+    slow drift, for instance, which a jump and two effects more would follow in part.
+    """
+    if verdict.verdict not in ("named", "alias"):
+        return verdict
+    by_luck = sum(laws.gains[s.choice.name].mean for s in result.slots)
+    explained = result.explained - by_luck
+    for place in places:
+        law = laws.factors[place.name]
+        luck = float(np.quantile(law.draws, 1.0 - rules.alpha_rest)) - law.mean
+        if place.excess - luck > explained:
+            return replace(
+                verdict,
+                verdict="unexplained_repeatable" if place.repeatable else "unexplained_noise",
+                explained_share=max(explained, 0.0) / place.excess,
+            )
+    return verdict
 
 
 def _found(after: FilterProblem, slot: Slot) -> RigEffectFound:
@@ -188,8 +224,11 @@ def _found(after: FilterProblem, slot: Slot) -> RigEffectFound:
         if belongs(name)
     }
     if effect.step:
-        apart = float(np.median(np.diff(found.time_s[1:])))
-        at = Estimate(value=slot.choice.theta[0], sigma=apart / np.sqrt(12.0), unit="s")
+        at_s = slot.choice.theta[0]
+        k = int(np.clip(np.searchsorted(after.elapsed_s, at_s), 1, after.elapsed_s.size - 1))
+        # anywhere between two steps is the same; between two cycles these are far apart
+        apart = float(after.elapsed_s[k] - after.elapsed_s[k - 1])
+        at = Estimate(value=at_s, sigma=apart / np.sqrt(12.0), unit="s")
         parameters[f"{effect.name}_at_s"] = at
     return RigEffectFound(
         effect=effect,
@@ -197,6 +236,25 @@ def _found(after: FilterProblem, slot: Slot) -> RigEffectFound:
         strength_d=float(np.sqrt(max(slot.gain, 0.0))),
         p_value=slot.p_value,
     )
+
+
+def _where(slots: tuple[Slot, ...], places: tuple[FactorFinding, ...]) -> str | None:
+    """Return the factor to point to.
+
+    The filter carries an error of the gyros on: its innovations follow no factor as closely as
+    the readings do. So of an effect with a name its own factor is told.
+    """
+    if slots:
+        strongest = max(slots, key=lambda s: s.gain)
+        return BY_NAME[strongest.choice.name].follows
+    return places[0].name if places else None
+
+
+def _loudest(one: FilterProblem) -> str:
+    """Return the channel whose innovations are beyond their noise by most."""
+    seen = one.found.filtered
+    beyond = np.nansum(np.where(one.kept, seen.innovation**2 / seen.variance - 1.0, 0.0), axis=0)
+    return one.rows.names[int(np.argmax(beyond))]
 
 
 def _settled(one: FilterProblem) -> BoolArray:
@@ -223,16 +281,25 @@ def _by_row(one: FilterProblem, square: FloatArray) -> dict[str, float]:
 
 
 def _held_out(before: FilterProblem, choices: tuple[Choice, ...]) -> tuple[HeldOutCycle, ...]:
-    """Judge the effects' signatures on each cycle with their sizes from the others."""
+    """Judge the effects' signatures on each cycle with their sizes from the others.
+
+    A size that the others hardly show stays what it is expected to be beforehand: zero.
+    """
     if not choices:
         return ()
-    seen = np.hstack([before.signature(BY_NAME[c.name], c.theta).columns for c in choices])
+    effects = [BY_NAME[c.name] for c in choices]
+    columns = [before.signature(e, c.theta).columns for e, c in zip(effects, choices, strict=True)]
+    seen = np.hstack(columns)
+    expected = np.concatenate([before.prior_sigmas(e) for e in effects])
     y = before.problem().residual
     cycle = before.found.cycle_of_step[before.step_of]
     made: list[HeldOutCycle] = []
     for k in range(int(cycle.max()) + 1):
         mine = cycle == k
-        size = np.linalg.lstsq(seen[~mine], y[~mine], rcond=1e-6)[0]
+        others = seen[~mine] * expected
+        size = expected * np.linalg.solve(
+            others.T @ others + np.eye(expected.size), others.T @ y[~mine]
+        )
         rest = np.zeros(before.kept.shape)
         rest[before.kept] = np.where(mine, y - seen @ size, np.nan)
         was = np.zeros(before.kept.shape)

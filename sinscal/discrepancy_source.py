@@ -19,13 +19,13 @@ import numpy as np
 from errormodel.arrays import FloatArray, IntArray
 from errormodel.discrepancy.choices import Choice
 from errormodel.discrepancy.coloured import NoiseShape, TimeBase
-from errormodel.discrepancy.problem import Candidate, Problem, Signature, Theta
+from errormodel.discrepancy.problem import Candidate, Factor, Problem, Signature, Theta
 from errormodel.filtering import NO_GATE, Steps, run_filter, signatures
 from sinscal.calibrate import Mode, RigCalibration, calibrate
 from sinscal.consistency import Rows, rows_of_rig
-from sinscal.discrepancy_factors import history, rig_factors
-from sinscal.priors import make_prior
-from sinscal.rig_effects import BY_NAME, EFFECTS, RigEffect
+from sinscal.discrepancy_factors import history, rig_factors, slow_hats
+from sinscal.priors import MOUNT_SIGMA_RAD, make_prior, prior_sigma
+from sinscal.rig_effects import BY_NAME, EFFECTS, TIME, RigEffect
 from sinscal.rig_model_file import RigModelFile
 from sinscal.rigfilter import CycleData, RigNoise, cycle_data, make_steps
 from sinscal.run import BoolArray, RigRun
@@ -102,6 +102,22 @@ class FilterProblem:
             h[:, row, i * columns.shape[1] : (i + 1) * columns.shape[1]] = columns
         return self.normalised(h, np.zeros((turned.size, found.steps.phi.shape[1], h.shape[2])))
 
+    def drifts(self) -> Factor:
+        """Return what slow drifts of the constant errors leave, of the one kind or the other.
+
+        Sent through the gains, as an effect is: a drift of the gyros shows long after it was.
+        """
+        hats = slow_hats(self.cycles, self.found)
+        groups: list[FloatArray] = []
+        for effect in (e for e in EFFECTS if e.step):
+            _, h, phi = self.columns_of(effect)
+            columns = [
+                (a[:, :, :, None] * hats[:, None, None, :]).reshape(*a.shape[:2], -1)
+                for a in (h, phi)
+            ]
+            groups.append(self.normalised(*columns))
+        return Factor(name=TIME, groups=tuple(groups), repeatable=False)
+
     def normalised(self, h: FloatArray, phi: FloatArray) -> FloatArray:
         """Return what columns of measurements and motion leave in the normalised innovations."""
         seen = signatures(self.found.steps, self.gains, h, phi)
@@ -133,6 +149,10 @@ class FilterProblem:
             names_of = [n for n in names if belongs(n)]
         places = [names.index(n) for n in names_of]
         return names_of, steps.h[:, :, places], steps.phi[:, :, places]
+
+    def prior_sigmas(self, effect: RigEffect) -> FloatArray:
+        """Return how large an effect's unknowns are expected to be, in the order of its columns."""
+        return np.array([prior_sigma(n) or MOUNT_SIGMA_RAD for n in self.columns_of(effect)[0]])
 
     def unit_of(self, effect: RigEffect) -> str:
         """Return the unit of an effect's first unknown."""
@@ -201,7 +221,10 @@ class FilterProblem:
             base=self.bearing(),
             candidates=tuple(self.candidate(e) for e in self.effects),
             saturated=nothing,
-            factors=rig_factors(self.run, self.cycles, found, steps, self.row_of),
+            factors=(
+                *rig_factors(self.run, self.cycles, found, steps, self.row_of),
+                self.drifts(),
+            ),
             noise=NoiseShape(),
             sigma=1.0,
             events=frozenset(e.name for e in EFFECTS if e.step),

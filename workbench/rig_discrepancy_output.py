@@ -15,7 +15,10 @@ def where_words(d: RigDiscrepancy) -> str:
     """Say in words which factor carries the excess."""
     if d.where is None:
         return "The innovations are what the noise stated makes."
-    return f"The excess of the innovations follows {d.where.name} most closely."
+    if d.effects:
+        name = max(d.effects, key=lambda e: e.strength_d).effect.name
+        return f"Most of the excess is in {d.channel}; {name} goes with the {d.where}."
+    return f"Most of the excess is in {d.channel}; it follows the {d.where} most closely."
 
 
 def rig_document(d: RigDiscrepancy) -> dict[str, Any]:
@@ -37,7 +40,7 @@ def rig_document(d: RigDiscrepancy) -> dict[str, Any]:
             for e in d.effects
         ],
         "alias_sets": [list(s) for s in d.alias_sets],
-        "where": {"factor": d.where.name if d.where else None, "text": where_words(d)},
+        "where": {"factor": d.where, "channel": d.channel, "text": where_words(d)},
         "rms_before_si": d.rms_before,
         "rms_after_si": d.rms_after,
         "floor_si": d.floor,

@@ -7,7 +7,7 @@ bearing's wobble. All of it in means of a second. The gyros' noise makes φ a ra
 rows of a cycle have a full covariance; nothing here is a filter.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -53,15 +53,16 @@ class Leg:
         whole = values[: self.seconds * PER_S]
         return whole.reshape(self.seconds, PER_S, *values.shape[1:]).mean(axis=1)
 
-    def rows(self, rate: Floats, force: Floats, angle: Floats) -> Floats:
-        """Return what errors of rates, forces (n, 3) and of the angle (n,) do, whitened."""
+    def rows(self, rate: Floats, force: Floats, truth: Truth) -> Floats:
+        """Return what errors of rates, forces (n, 3) and those of the rig do, whitened."""
         seen = np.einsum("nij,nj->ni", self.c_nb, rate)
         frozen = np.cumsum(np.einsum("nji,nj->ni", self.turned, seen), axis=0) / PER_S
         attitude = self.means(np.einsum("nij,nj->ni", self.turned, frozen))
         out = attitude @ self.by_attitude.T
         out[:, :3] += self.means(np.einsum("nij,nj->ni", self.c_nb, force))
         if self.by_attitude.shape[0] > 3:
-            out[:, 3:] -= self.means(angle)[:, None] * self.along
+            mount = self.c_nb @ truth.vec("rig_mount")
+            out[:, 3:] -= self.means(_angle_error(truth, self.motion)[:, None] * self.along + mount)
         return np.linalg.solve(self.root, out.ravel())
 
     def starts(self) -> Floats:
@@ -181,7 +182,7 @@ def yardstick_of(setup: Setup) -> RigYardstick:
     return RigYardstick.of(setup)
 
 
-def _column(legs, values: Mapping[str, float], stranger: Stranger | None) -> Floats:
+def _column(legs: Sequence[Leg], values: Mapping[str, float], stranger: Stranger | None) -> Floats:
     """Return the whitened rows of all cycles."""
     truth, none = Truth(values), Truth({})
     parts: list[Floats] = []
@@ -192,7 +193,7 @@ def _column(legs, values: Mapping[str, float], stranger: Stranger | None) -> Flo
         if stranger is not None:
             more_rate, more_force = stranger(leg.motion, leg.t, leg.x)
             rate, force = rate + more_rate, force + more_force
-        parts.append(leg.rows(rate, force, _angle_error(truth, leg.motion)))
+        parts.append(leg.rows(rate, force, truth))
     return np.concatenate(parts)
 
 

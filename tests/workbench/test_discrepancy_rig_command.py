@@ -15,7 +15,7 @@ from workbench.cli import main
 
 Captured = pytest.CaptureFixture[str]
 SETUP = Setup(programme=tuple(multirate(3.0)), period_s=0.05, angles=True, warm_up_c=15.0)
-JUMP_S = 500.0  # in the middle of the second cycle
+JUMP_S = 400.0  # in the middle of the second cycle
 
 
 @pytest.fixture(scope="module")
