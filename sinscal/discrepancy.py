@@ -19,12 +19,10 @@ from sinscal.calibrate import Mode, noise_of
 from sinscal.discrepancy_source import FilterProblem, RigSource
 from sinscal.rig_effects import BY_NAME, RigEffect
 from sinscal.rig_model_file import RigModelFile, check_needs
-from sinscal.run import BoolArray, RigRun
+from sinscal.run import RigRun
 
 DRAWS = 200
 Tell = Callable[[str], None]
-# Where less of an innovation's variance is the sensors' noise, the start is still being found.
-SETTLED_SHARE = 0.5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,6 +68,8 @@ class RigDiscrepancy:
         of the excess.
     channel : str or None
         The channel in which the excess is largest.
+    places : tuple of FactorFinding
+        Every factor with how much of the excess it carries, the best first.
     rms_before, rms_after, floor : dict of str to float
         Of innovations by channel, m/s² and rad; the floor is what the noise stated gives.
     heldout : tuple of HeldOutCycle
@@ -85,6 +85,7 @@ class RigDiscrepancy:
     effects: tuple[RigEffectFound, ...]
     where: str | None
     channel: str | None
+    places: tuple[FactorFinding, ...]
     rms_before: dict[str, float]
     rms_after: dict[str, float]
     floor: dict[str, float]
@@ -174,6 +175,7 @@ def find_rig_discrepancy(
         effects=tuple(_found(after, s) for s in slots),
         where=_where(slots, places),
         channel=_loudest(before) if verdict.verdict != "nothing" else None,
+        places=places,
         rms_before=_rms(before),
         rms_after=_rms(after),
         floor=_floor(after),
@@ -257,12 +259,6 @@ def _loudest(one: FilterProblem) -> str:
     return one.rows.names[int(np.argmax(beyond))]
 
 
-def _settled(one: FilterProblem) -> BoolArray:
-    """Return (K, m): where an innovation is mainly the sensors' noise and is looked at."""
-    share = one.found.steps.r / np.where(one.kept, one.found.filtered.variance, np.inf)
-    return share > SETTLED_SHARE
-
-
 def _rms(one: FilterProblem) -> dict[str, float]:
     return _by_row(one, one.found.filtered.innovation**2)
 
@@ -272,7 +268,7 @@ def _floor(one: FilterProblem) -> dict[str, float]:
 
 
 def _by_row(one: FilterProblem, square: FloatArray) -> dict[str, float]:
-    settled = _settled(one)
+    settled = one.settled
     return {
         name: float(np.sqrt(np.mean(square[settled[:, k], k])))
         for k, name in enumerate(one.rows.names)
@@ -311,7 +307,7 @@ def _held_out(before: FilterProblem, choices: tuple[Choice, ...]) -> tuple[HeldO
 
 def _scaled(one: FilterProblem, normalised: FloatArray) -> dict[str, float]:
     """Return the rms by channel of normalised innovations, NaN ones left out, in SI."""
-    settled = _settled(one) & np.isfinite(normalised)
+    settled = one.settled & np.isfinite(normalised)
     square = normalised**2 * one.found.filtered.variance
     return {
         name: float(np.sqrt(np.mean(square[settled[:, k], k])))

@@ -34,6 +34,8 @@ from sinscal.terms import BASIC, bias_step
 
 STEP_TIMES = 40  # of the grid of a jump's times
 FINER = 12  # tried between a grid time and each of its neighbours
+# Where less of an innovation's variance is the measurement's noise, the start is still being found.
+SETTLED_SHARE = 0.5
 BEARING_ORDERS = (2, 3, 4)  # harmonics of the rotation in which a bearing wobbles
 EDGE_S = 30.0  # a jump nearer to an end of the run is no more than the start's own uncertainty
 
@@ -67,6 +69,12 @@ class FilterProblem:
     def kept(self) -> BoolArray:
         """The innovations used, shape (K, m)."""
         return self.found.filtered.used
+
+    @property
+    def settled(self) -> BoolArray:
+        """Where an innovation is mainly the noise of its measurement, shape (K, m)."""
+        share = self.found.steps.r / np.where(self.kept, self.found.filtered.variance, np.inf)
+        return share > SETTLED_SHARE
 
     @cached_property
     def step_of(self) -> IntArray:

@@ -73,18 +73,24 @@ def outside(*sizes: float) -> Iterator[RigRecipe]:
 def full() -> list[RigRecipe]:
     """Return the whole benchmark."""
     return [
-        *nulls(12),
-        *singles((8.0, 8.5, 12.0, 16.0, 25.0)),
+        *nulls(8),
+        *singles((8.0, 12.0, 25.0)),
         *singles((12.0,), "article"),
         *others(15.0),
         *pairs(),
-        *outside(25.0, 60.0),
+        *outside(40.0),
     ]
 
 
 def medium() -> list[RigRecipe]:
-    """Return some forty sets of every kind, for a look while something is changed."""
-    return [*nulls(2), *singles((8.0, 15.0)), *others(15.0), *pairs(), *outside(40.0)]
+    """Return some thirty sets of every kind, for a look while something is changed."""
+    return [
+        *nulls(1),
+        *singles((14.0,)),
+        *list(others(15.0))[::3],
+        *list(pairs())[::2],
+        *list(outside(40.0))[::2],
+    ]
 
 
 def small() -> list[RigRecipe]:
