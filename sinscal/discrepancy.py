@@ -5,8 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from errormodel.arrays import FloatArray
-from errormodel.discrepancy.choices import Choice, Rules, SearchResult, Slot
+from errormodel.discrepancy.choices import Rules, SearchResult, Slot
 from errormodel.discrepancy.coloured import NoiseShape
 from errormodel.discrepancy.floor import NoiseFloor
 from errormodel.discrepancy.foresight import NAMEABLE_D, foresee
@@ -16,6 +15,7 @@ from errormodel.discrepancy.nulls import calibrate as simulate_nulls
 from errormodel.discrepancy.scan import View
 from errormodel.discrepancy.search import Search
 from sinscal.calibrate import Mode, noise_of
+from sinscal.discrepancy_holdout import CycleGap, gaps_by_cycle, held_out, rms_by_channel
 from sinscal.discrepancy_source import FilterProblem, RigSource
 from sinscal.rig_effects import BY_NAME, RigEffect
 from sinscal.rig_model_file import RigModelFile, check_needs
@@ -44,15 +44,6 @@ class RigEffectFound:
     p_value: float
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class HeldOutCycle:
-    """Rms of a cycle's innovations, the effects' sizes taken from the other cycles; by channel."""
-
-    cycle: int
-    before: dict[str, float]
-    after: dict[str, float]
-
-
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class RigDiscrepancy:
     """The verdict on one rig run and what it stands on.
@@ -72,7 +63,9 @@ class RigDiscrepancy:
         Every factor with how much of the excess it carries, the best first.
     rms_before, rms_after, floor : dict of str to float
         Of innovations by channel, m/s² and rad; the floor is what the noise stated gives.
-    heldout : tuple of HeldOutCycle
+    gaps, heldout : tuple of CycleGap
+        By cycle: of the filters of the present and the larger model; and with the effects' sizes
+        taken from the other cycles.
     invisible : tuple of str
     smallest_nameable : dict of str to (float, str)
         Size of the effect's first visible unknown at strength seven, and its unit.
@@ -89,7 +82,8 @@ class RigDiscrepancy:
     rms_before: dict[str, float]
     rms_after: dict[str, float]
     floor: dict[str, float]
-    heldout: tuple[HeldOutCycle, ...]
+    gaps: tuple[CycleGap, ...]
+    heldout: tuple[CycleGap, ...]
     invisible: tuple[str, ...]
     smallest_nameable: dict[str, tuple[float, str]]
     experiment: str | None
@@ -179,7 +173,8 @@ def find_rig_discrepancy(
         rms_before=_rms(before),
         rms_after=_rms(after),
         floor=_floor(after),
-        heldout=_held_out(before, choices),
+        gaps=gaps_by_cycle(before, after),
+        heldout=held_out(before, choices),
         invisible=invisible,
         smallest_nameable=smallest,
         experiment=_experiment(result, verdict, invisible),
@@ -260,60 +255,11 @@ def _loudest(one: FilterProblem) -> str:
 
 
 def _rms(one: FilterProblem) -> dict[str, float]:
-    return _by_row(one, one.found.filtered.innovation**2)
+    return rms_by_channel(one, one.found.filtered.innovation**2)
 
 
 def _floor(one: FilterProblem) -> dict[str, float]:
-    return _by_row(one, one.found.filtered.variance)
-
-
-def _by_row(one: FilterProblem, square: FloatArray) -> dict[str, float]:
-    settled = one.settled
-    return {
-        name: float(np.sqrt(np.mean(square[settled[:, k], k])))
-        for k, name in enumerate(one.rows.names)
-        if settled[:, k].any()
-    }
-
-
-def _held_out(before: FilterProblem, choices: tuple[Choice, ...]) -> tuple[HeldOutCycle, ...]:
-    """Judge the effects' signatures on each cycle with their sizes from the others.
-
-    A size that the others hardly show stays what it is expected to be beforehand: zero.
-    """
-    if not choices:
-        return ()
-    effects = [BY_NAME[c.name] for c in choices]
-    columns = [before.signature(e, c.theta).columns for e, c in zip(effects, choices, strict=True)]
-    seen = np.hstack(columns)
-    expected = np.concatenate([before.prior_sigmas(e) for e in effects])
-    y = before.problem().residual
-    cycle = before.found.cycle_of_step[before.step_of]
-    made: list[HeldOutCycle] = []
-    for k in range(int(cycle.max()) + 1):
-        mine = cycle == k
-        others = seen[~mine] * expected
-        size = expected * np.linalg.solve(
-            others.T @ others + np.eye(expected.size), others.T @ y[~mine]
-        )
-        rest = np.zeros(before.kept.shape)
-        rest[before.kept] = np.where(mine, y - seen @ size, np.nan)
-        was = np.zeros(before.kept.shape)
-        was[before.kept] = np.where(mine, y, np.nan)
-        made.append(HeldOutCycle(cycle=k + 1, before=_scaled(before, was),
-                                 after=_scaled(before, rest)))  # fmt: skip
-    return tuple(made)
-
-
-def _scaled(one: FilterProblem, normalised: FloatArray) -> dict[str, float]:
-    """Return the rms by channel of normalised innovations, NaN ones left out, in SI."""
-    settled = one.settled & np.isfinite(normalised)
-    square = normalised**2 * one.found.filtered.variance
-    return {
-        name: float(np.sqrt(np.mean(square[settled[:, k], k])))
-        for k, name in enumerate(one.rows.names)
-        if settled[:, k].any()
-    }
+    return rms_by_channel(one, one.found.filtered.variance)
 
 
 def _foreseen(

@@ -8,6 +8,7 @@ from rich.console import RenderableType
 
 from sinscal.consistency import FORCES
 from sinscal.discrepancy import RigDiscrepancy
+from sinscal.discrepancy_holdout import CycleGap
 from sinscal.rig_model_file import BiasStep, FoundValue, RigModelFile
 from workbench.console import number, table
 from workbench.discrepancy_output import VERDICT_WORDS
@@ -48,11 +49,8 @@ def rig_document(d: RigDiscrepancy) -> dict[str, Any]:
         "rms_before_si": d.rms_before,
         "rms_after_si": d.rms_after,
         "floor_si": d.floor,
-        "heldout": {
-            "runs": [
-                {"cycle": h.cycle, "before_si": h.before, "after_si": h.after} for h in d.heldout
-            ]
-        },
+        "gaps": [_gap(g) for g in d.gaps],
+        "heldout": {"runs": [_gap(g) for g in d.heldout]},
         "invisible": list(d.invisible),
         "smallest_nameable": {
             n: {"value": v, "unit": u} for n, (v, u) in d.smallest_nameable.items()
@@ -68,6 +66,10 @@ def rig_document(d: RigDiscrepancy) -> dict[str, Any]:
             for s in d.result.slots
         ],
     }
+
+
+def _gap(g: CycleGap) -> dict[str, Any]:
+    return {"cycle": g.cycle, "before_si": g.before, "after_si": g.after}
 
 
 def rig_lines(d: RigDiscrepancy) -> Iterator[str]:
