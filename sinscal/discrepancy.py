@@ -192,9 +192,11 @@ def outdone(
 
     A factor sees a part of what is there, and the effects that are truly missing explain all of it.
     So where a factor explains more, by more than luck gives it, what is there is something else: a
-    slow drift, for instance, which a jump and two effects more would follow in part.
+    slow drift, for instance, which a jump and two effects more would follow in part. Where the
+    names leave nothing, they stand: a factor that explains more then follows the linearisation.
     """
-    if verdict.verdict not in ("named", "alias"):
+    quiet = not (verdict.loud or verdict.loud_noise)
+    if quiet or verdict.verdict not in ("named", "alias"):
         return verdict
     by_luck = sum(laws.gains[s.choice.name].mean for s in result.slots)
     explained = result.explained - by_luck
