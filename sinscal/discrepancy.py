@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from errormodel.discrepancy.choices import Rules, SearchResult, Slot
+from errormodel.discrepancy.choices import Choice, Rules, SearchResult, Slot
 from errormodel.discrepancy.coloured import NoiseShape
 from errormodel.discrepancy.floor import NoiseFloor
 from errormodel.discrepancy.foresight import NAMEABLE_D, foresee
@@ -166,7 +166,7 @@ def find_rig_discrepancy(
         source=source,
         judgement=verdict,
         result=result,
-        effects=tuple(_found(after, s) for s in slots),
+        effects=tuple(_found(_without(source, choices, s), after, s) for s in slots),
         where=_where(slots, places),
         channel=_loudest(before) if verdict.verdict != "nothing" else None,
         places=places,
@@ -212,7 +212,12 @@ def outdone(
     return verdict
 
 
-def _found(after: FilterProblem, slot: Slot) -> RigEffectFound:
+def _without(source: RigSource, choices: tuple[Choice, ...], slot: Slot) -> FilterProblem:
+    """Return the filter that has all effects chosen but one."""
+    return source.filter_with([c for c in choices if c != slot.choice])
+
+
+def _found(before: FilterProblem, after: FilterProblem, slot: Slot) -> RigEffectFound:
     effect, found = BY_NAME[slot.choice.name], after.found
     belongs, units = effect.unknowns(), found.sensors.units
     parameters = {
@@ -224,10 +229,8 @@ def _found(after: FilterProblem, slot: Slot) -> RigEffectFound:
     }
     if effect.step:
         at_s = slot.choice.theta[0]
-        k = int(np.clip(np.searchsorted(after.elapsed_s, at_s), 1, after.elapsed_s.size - 1))
-        # anywhere between two steps is the same; between two cycles these are far apart
-        apart = float(after.elapsed_s[k] - after.elapsed_s[k - 1])
-        at = Estimate(value=at_s, sigma=apart / np.sqrt(12.0), unit="s")
+        sigma = before.time_sigma_s(effect, slot.choice.theta)
+        at = Estimate(value=at_s, sigma=sigma, unit="s")
         parameters[f"{effect.name}_at_s"] = at
     return RigEffectFound(
         effect=effect,

@@ -19,7 +19,14 @@ import numpy as np
 from errormodel.arrays import FloatArray, IntArray
 from errormodel.discrepancy.choices import Choice
 from errormodel.discrepancy.coloured import NoiseShape, TimeBase
-from errormodel.discrepancy.problem import Candidate, Factor, Problem, Signature, Theta
+from errormodel.discrepancy.problem import (
+    Candidate,
+    Factor,
+    Problem,
+    Signature,
+    Theta,
+    independent,
+)
 from errormodel.filtering import NO_GATE, Steps, run_filter, signatures
 from sinscal.calibrate import Mode, RigCalibration, calibrate
 from sinscal.consistency import Rows, rows_of_rig
@@ -179,7 +186,7 @@ class FilterProblem:
         _, h, phi = self.columns_of(effect)
         width = h.shape[2]
         if effect.step:
-            after = [(self.elapsed_s > t)[:, None, None].astype(float) for (t,) in thetas]
+            after = [self.share_after(t)[:, None, None] for (t,) in thetas]
             h = np.concatenate([h * a for a in after], axis=2)
             phi = np.concatenate([phi * a for a in after], axis=2)
         flat = self.normalised(h, phi)
@@ -187,20 +194,25 @@ class FilterProblem:
             columns = flat[:, k * width : (k + 1) * width]
             self._made[effect.name, theta] = Signature(columns=np.ascontiguousarray(columns))
 
+    def share_after(self, at_s: float) -> FloatArray:
+        """Return which share of every step lies after a time, shape (K,)."""
+        length = np.diff(self.elapsed_s, prepend=0.0)
+        length[self.found.cycle_of_step < 0] = 0.0  # what begins a cycle takes no time
+        since = self.elapsed_s - at_s
+        inside = np.divide(since, length, out=np.sign(since), where=length > 0.0)
+        return np.clip(inside, 0.0, 1.0)
+
     def candidate(self, effect: RigEffect) -> Candidate:
         """Return an effect as a candidate."""
         if effect.step is None:
             return Candidate(name=effect.name, signature=lambda theta: self.signature(effect, ()))
-        last = float(self.elapsed_s[-1])
-        times = np.round(np.linspace(EDGE_S, last - EDGE_S, STEP_TIMES), 3)
+        times = np.round(np.linspace(EDGE_S, float(self.elapsed_s[-1]) - EDGE_S, STEP_TIMES), 3)
         grid = tuple((float(t),) for t in times)
         apart = float(times[1] - times[0])
-        offsets = np.arange(-FINER, FINER + 1) / FINER * apart
 
         def finer(theta: Theta) -> tuple[Theta, ...]:
-            near = tuple((float(t),) for t in theta[0] + offsets if 0.0 < t < last)
-            self.make(effect, near)
-            return near
+            best = self._best(effect, self._about(theta, apart))
+            return self._about(best, apart / FINER)
 
         self.make(effect, grid)
         return Candidate(
@@ -211,11 +223,44 @@ class FilterProblem:
             event=True,
         )
 
+    def _about(self, theta: Theta, apart: float) -> tuple[Theta, ...]:
+        """Return times about one of a jump."""
+        offsets = np.arange(-FINER, FINER + 1) / FINER * apart
+        last = float(self.elapsed_s[-1])
+        return tuple((float(t),) for t in theta[0] + offsets if 0.0 < t < last)
+
+    def _gains(self, effect: RigEffect, thetas: Sequence[Theta]) -> FloatArray:
+        """Return how much chi-square an effect explains at some nonlinear parameters."""
+        self.make(effect, thetas)
+        bases = [independent(self.signature(effect, theta).columns) for theta in thetas]
+        return np.array([float(np.sum((b.T @ self.residual) ** 2)) for b in bases])
+
+    def _best(self, effect: RigEffect, thetas: Sequence[Theta]) -> Theta:
+        return thetas[int(np.argmax(self._gains(effect, thetas)))]
+
+    def time_sigma_s(self, effect: RigEffect, theta: Theta) -> float:
+        """Return how well the time of a jump is known, by the likelihood of the times about it."""
+        apart = (float(self.elapsed_s[-1]) - 2.0 * EDGE_S) / (STEP_TIMES - 1)
+        while True:
+            thetas = self._about(theta, apart)
+            gains = self._gains(effect, thetas)
+            weight = np.exp(0.5 * (gains - gains.max()))
+            times = np.array([t for (t,) in thetas])
+            mean = float(weight @ times / weight.sum())
+            sigma = float(np.sqrt(weight @ (times - mean) ** 2 / weight.sum()))
+            if sigma > 2.0 * apart / FINER or apart < 0.1:
+                return max(sigma, apart / FINER)
+            apart /= FINER
+
+    @property
+    def residual(self) -> FloatArray:
+        """The normalised innovations."""
+        filtered = self.found.filtered
+        return filtered.innovation[self.kept] / np.sqrt(filtered.variance[self.kept])
+
     def problem(self) -> Problem:
         """Return the engine's problem."""
-        found, steps = self.found, self.step_of
-        filtered = found.filtered
-        residual = filtered.innovation[self.kept] / np.sqrt(filtered.variance[self.kept])
+        found, steps, residual = self.found, self.step_of, self.residual
         nothing = np.zeros((residual.size, 0))
         times = TimeBase(
             found.time_s[steps],
