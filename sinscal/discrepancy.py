@@ -15,8 +15,9 @@ from errormodel.discrepancy.nulls import calibrate as simulate_nulls
 from errormodel.discrepancy.scan import View
 from errormodel.discrepancy.search import Search
 from sinscal.calibrate import Mode, noise_of
+from sinscal.discrepancy_filter import FilterProblem
 from sinscal.discrepancy_holdout import CycleGap, gaps_by_cycle, held_out, rms_by_channel
-from sinscal.discrepancy_source import FilterProblem, RigSource
+from sinscal.discrepancy_source import RigSource
 from sinscal.rig_effects import BY_NAME, RigEffect
 from sinscal.rig_model_file import RigModelFile, check_needs
 from sinscal.run import RigRun

@@ -15,7 +15,7 @@ from scipy import linalg
 from errormodel.arrays import FloatArray
 from errormodel.discrepancy.choices import Choice
 from errormodel.discrepancy.problem import independent
-from sinscal.discrepancy_source import FilterProblem
+from sinscal.discrepancy_filter import FilterProblem
 from sinscal.rig_effects import BY_NAME
 from sinscal.run import BoolArray
 

@@ -8,7 +8,7 @@ from errormodel.arrays import FloatArray
 from sinscal.consistency import ALONG, FORCES
 from sinscal.discrepancy import RigDiscrepancy
 from sinscal.discrepancy_factors import history
-from sinscal.discrepancy_source import FilterProblem
+from sinscal.discrepancy_filter import FilterProblem
 from sinscal.earth import ARCSEC
 from sinscal.rig_effects import PHASE, RATE, TEMPERATURE
 from workbench.console import number
