@@ -15,23 +15,23 @@ from sinscal.attitude import skew
 from sinscal.earth import Site
 from sinscal.integrate import attitudes
 from sinscal.layout import RigLayout
-from sinscal.rigfilter import CycleData, Nominal
+from sinscal.rigdata import CycleData, Nominal
 from sinscal.sensors import SensorModel
 
 # So long gyros that are not calibrated keep the vertical: 10 °/s with 3e-3 of error, 1.8°.
 LEVEL_S = 60.0
+# Of a cycle, for its axis: their noise is averaged to 1e-3 of what gyrocompassing can see.
+AXIS_ROWS = 3000
 
 
 def level(cycle: CycleData, sensors: SensorModel, values: FloatArray) -> FloatArray:
     """Return C at the start of a cycle in level axes of some azimuth, from its first minute."""
-    early = cycle.measured.time_s <= cycle.measured.time_s[0] + LEVEL_S
-    true = sensors.corrected(cycle.measured, values)
-    middle, _ = attitudes(
-        np.array(true.w[early]), np.array(true.step_s[early]), np.eye(3), np.zeros(3)
-    )
-    good = early & cycle.good
-    chosen = good[early]
-    forces = (middle[chosen] @ true.f[early][chosen][:, :, None])[:, :, 0]
+    measured = cycle.measured
+    early = measured.take(slice(int(np.sum(measured.time_s <= measured.time_s[0] + LEVEL_S))))
+    true = sensors.corrected(early, values)
+    middle, _ = attitudes(true.w, true.step_s, np.eye(3), np.zeros(3))
+    good = cycle.good[: len(early)]
+    forces = (middle[good] @ true.f[good][:, :, None])[:, :, 0]
     up: FloatArray = np.sum(forces, axis=0)
     up = up / float(np.linalg.norm(up))
     seed = np.eye(3)[int(np.argmin(np.abs(up)))]
@@ -89,15 +89,59 @@ def find_north(nominal: Nominal, cov: FloatArray, layout: RigLayout, site: Site)
 
 
 def mean_axis(cycle: CycleData) -> FloatArray:
-    """Return the direction in the body about which a cycle turns, by its faster steps, (3,).
+    """Return the direction in the body about which a cycle turns, as its gyros say, (3,).
 
-    Positive along the cycle's instrument axis when that is known.
+    By its faster steps; positive along the cycle's instrument axis when that is known.
     """
-    w = cycle.measured.w
+    return _axis_of(cycle.measured.w, cycle.axis)
+
+
+def _axis_of(w: FloatArray, instrument: int | None) -> FloatArray:
     _, _, rows = np.linalg.svd(w.T @ w)
     along = rows[0]
-    reference = np.eye(3)[cycle.axis] if cycle.axis is not None else np.sign(along)
+    reference = np.eye(3)[instrument] if instrument is not None else np.sign(along)
     return along if along @ reference >= 0 else -along
+
+
+def found_azimuth(
+    cycle: CycleData, sensors: SensorModel, values: FloatArray, c_start: FloatArray
+) -> tuple[float, FloatArray]:
+    """Return the azimuth of the axis a cycle turns about, and its derivative by the unknowns.
+
+    The gyros' errors move the axis in the body: a misalignment of 3′ between cycles about other
+    axes looks like 3′ between their azimuths.
+
+    Parameters
+    ----------
+    cycle : CycleData
+    sensors : SensorModel
+    values : ndarray, shape (p,)
+        Of its unknowns, with which the rates are corrected.
+    c_start : ndarray, shape (3, 3)
+        C_nb at the cycle's start.
+
+    Returns
+    -------
+    float
+        From north clockwise, rad.
+    ndarray, shape (p,)
+    """
+    m = cycle.measured
+    rows = np.arange(0, len(m), max(1, len(m) // AXIS_ROWS))
+    true = sensors.corrected(m.take(rows), values)
+    along = _axis_of(true.w, cycle.axis)
+    turn = true.w @ along
+    columns = sensors.columns(true, values)
+    # the principal direction follows what goes with the turn across it
+    grown = turn @ columns / float(turn @ turn)
+    across = np.eye(3) - np.outer(along, along)
+    axis_by = np.zeros((3, len(sensors.names)))
+    for j, owner in enumerate(sensors.owner):
+        if owner < 3:
+            axis_by[:, j] = -across[:, owner] * grown[j]
+    east, north, _ = c_start @ along
+    by = c_start @ axis_by
+    return azimuth_of(c_start @ along), (north * by[0] - east * by[1]) / (east**2 + north**2)
 
 
 def azimuth_of(direction: FloatArray) -> float:

@@ -12,8 +12,9 @@ import numpy as np
 
 from errormodel.arrays import FloatArray, freeze, readonly
 from errormodel.errors import InputError
-from errormodel.filtering import covariance_share, run_filter
-from errormodel.kalman import State
+from errormodel.filtering import run_filter
+from errormodel.gains import covariance_share
+from errormodel.kalman import State, initial_state
 from sinscal.calibrate import Mode, RigCalibration, calibrate
 from sinscal.combined import (
     ChamberModel,
@@ -27,7 +28,7 @@ from sinscal.earth import A_M
 from sinscal.flight import flight_sensitivity
 from sinscal.navigation_errors import DLAT, DLON
 from sinscal.priors import PriorFile, RigPrior
-from sinscal.rigfilter import RigNoise, cycle_data
+from sinscal.rigdata import RigNoise, cycle_data
 from sinscal.run import AXES, RigRun
 from sinscal.sensors import Motion, SensorModel, sensor_model
 from sinscal.terms import BASIC, TIME_OFFSET
@@ -127,13 +128,10 @@ def combine(
         tell(what)
         return calibrate(run, mode, sensors=own, prior=known, noise=noise)
 
-    wide_prior = _wide(prior, sensors, chambers)
-    wide = solve("rig alone", sensors, wide_prior)
-    test = compare_with_chamber(
-        sensors, chambers, _thinned(run), wide.values[: len(sensors.names)],
-        wide.cov[: len(sensors.names), : len(sensors.names)], wide_prior.cov,
-    )  # fmt: skip
     ended = solve("rig and chamber", sensors, prior)
+    wide_cov = _wide(prior, sensors, chambers).cov
+    values, cov = _rig_alone(ended, wide_cov)
+    test = compare_with_chamber(sensors, chambers, _thinned(run), values, cov, wide_cov)
     before = solve("chamber's model beforehand", sensors, _beforehand(prior, sensors, chambers))
     own = sensor_model(groups, t_ref_c=sensors.t_ref_c, gravity_m_s2=sensors.gravity_m_s2)
     plain = solve("without temperature", own, None)
@@ -171,6 +169,15 @@ def _wide(prior: RigPrior, sensors: SensorModel, chambers: Sequence[ChamberModel
     return replace(prior, cov=cov)
 
 
+def _rig_alone(ended: RigCalibration, wide_cov: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return what the rig says when it is not held: linear, about the combined calibration."""
+    unknown = ended.layout.unknowns
+    cov = ended.start.cov
+    cov[unknown, unknown] = wide_cov
+    state = run_filter(initial_state(ended.start.x, cov), ended.steps).state
+    return ended.nominal.values + state.x[unknown], state.cov[unknown, unknown]
+
+
 def _beforehand(
     prior: RigPrior, sensors: SensorModel, chambers: Sequence[ChamberModel]
 ) -> RigPrior:
@@ -191,17 +198,7 @@ def _thinned(run: RigRun) -> list[Motion]:
     for cycle in cycle_data(run, 1.0):
         m = cycle.measured
         rows = np.arange(0, len(m), max(1, len(m) // THIN_ROWS))
-        assert m.temp_c is not None
-        out.append(
-            Motion(
-                time_s=m.time_s[rows],
-                step_s=m.step_s[rows],
-                w=m.w[rows],
-                f=m.f[rows],
-                dw=m.dw[rows],
-                temp_c=m.temp_c[rows],
-            )
-        )
+        out.append(m.take(rows))
     return out
 
 

@@ -1,9 +1,11 @@
 """Whether a rig contradicts the chamber's models, and what would explain it.
 
-A calibration in which the chamber's coefficients are hardly held (`wide`) is compared with the
-chamber: had the chamber been right, their difference would have a known covariance. When it has
-not, each explanation in turn is put in the chamber's place: two serial numbers exchanged, a
-thermistor that reads too high.
+An estimate in which the chamber's coefficients are hardly held (`wide`) is compared with the
+chamber: had the chamber been right, their difference would have a known covariance. It is linear,
+about the combined calibration: where the chamber is right, that is where the truth is, while an
+iteration of its own would run to the far ends of what the rig hardly sees. When chamber and rig
+contradict each other, each explanation in turn is put in the chamber's place: two serial numbers
+exchanged, a thermistor that reads too high.
 """
 
 from collections.abc import Sequence
@@ -23,8 +25,9 @@ FALSE_ALARM = 1e-3
 NAMED_SHARE = 0.9
 # … and an offset is worth telling above this: less is what thermistors are good for.
 OFFSET_C = 0.2
-# Directions in which the rig adds less than this share of what it can are left out of the test.
-RANK = 1e-9
+# Directions in which the rig takes away less than this share of the wide prior's variance are left
+# out: a coefficient as far off as that prior allows would move them by a tenth of their sigma.
+SEEN = 0.01
 TEMPERATURE_STEP_C = 0.01
 
 
@@ -68,7 +71,7 @@ def compare_with_chamber(
     cov: FloatArray,
     wide_cov: FloatArray,
 ) -> ChamberTest:
-    """Compare a wide calibration with the chamber's models it was centred on.
+    """Compare a wide estimate with the chamber's models it was centred on.
 
     Parameters
     ----------
@@ -78,7 +81,7 @@ def compare_with_chamber(
     motions : sequence of Motion
         What the sensors went through, corrected; for what a thermistor's offset would do.
     values, cov : ndarray
-        The wide calibration's, in the order of `sensors.names`.
+        The wide estimate's, in the order of `sensors.names`.
     wide_cov : ndarray, shape (p, p)
         Its prior covariance.
 
@@ -94,7 +97,9 @@ def compare_with_chamber(
     passed = np.eye(at.size) - after @ np.linalg.inv(before)
     total = passed @ chamber_cov @ passed.T + passed @ after
     comparison = _Comparison(
-        difference=values[at] - prior, passed=passed, root=_whitener(total, np.diag(before))
+        difference=values[at] - prior,
+        passed=passed,
+        root=_whitener(total, after, np.sqrt(np.diag(before))),
     )
     dof = comparison.root.shape[0]
     found = comparison.chi2(np.zeros(at.size))
@@ -115,13 +120,17 @@ def _block_cov(chambers: Sequence[ChamberModel]) -> FloatArray:
     return out
 
 
-def _whitener(total: FloatArray, scale2: FloatArray) -> FloatArray:
-    """Return W of full rank with W·total·Wᵀ = 1, of the directions that the rig can show."""
-    scale = np.sqrt(scale2)
-    size, directions = np.linalg.eigh(0.5 * (total + total.T) / np.outer(scale, scale))
-    kept = size > RANK * size.max()
-    root = directions[:, kept] / np.sqrt(size[kept])
-    return root.T / scale
+def _whitener(total: FloatArray, after: FloatArray, wide: FloatArray) -> FloatArray:
+    """Return W of full rank with W·total·Wᵀ = 1, of the directions that the rig can show.
+
+    They are chosen by sigmas alone, so that the choice does not follow the data.
+    """
+    share, directions = np.linalg.eigh(np.eye(wide.size) - after / np.outer(wide, wide))
+    seen = directions[:, share > SEEN].T / wide
+    cov = seen @ total @ seen.T
+    size = np.sqrt(np.diag(cov))
+    lower = np.linalg.cholesky(cov / np.outer(size, size))
+    return np.linalg.solve(lower, seen / size[:, None])
 
 
 def _explained(

@@ -26,13 +26,15 @@ from errormodel.discrepancy.problem import (
     Theta,
     independent,
 )
-from errormodel.filtering import Steps, run_filter, signatures
+from errormodel.filtering import Steps, run_filter
+from errormodel.gains import signatures
 from sinscal.calibrate import RigCalibration
 from sinscal.consistency import Rows, rows_of_rig
 from sinscal.discrepancy_factors import history, rig_factors, slow_hats
 from sinscal.priors import MOUNT_SIGMA_RAD, prior_sigma
 from sinscal.rig_effects import EFFECTS, TIME, RigEffect
-from sinscal.rigfilter import CycleData, make_steps
+from sinscal.rigdata import CycleData
+from sinscal.rigfilter import make_steps
 from sinscal.run import BoolArray, RigRun
 from sinscal.sensors import SensorModel, sensor_model
 

@@ -12,7 +12,7 @@ from sinscal.discrepancy_filter import FilterProblem
 from sinscal.priors import make_prior
 from sinscal.rig_effects import BY_NAME, EFFECTS, RigEffect
 from sinscal.rig_model_file import RigModelFile
-from sinscal.rigfilter import RigNoise, cycle_data
+from sinscal.rigdata import RigNoise, cycle_data
 from sinscal.run import RigRun
 from sinscal.sensors import sensor_model
 from sinscal.terms import BASIC, bias_step

@@ -22,7 +22,7 @@ from sinscal.judged import Calibration, Judged
 from sinscal.observability import GAUGE, Observability
 from sinscal.priors import group_of
 from sinscal.rig_model_file import BiasStep
-from sinscal.rigfilter import RigNoise
+from sinscal.rigdata import RigNoise
 from sinscal.run import NavRun, RigRun
 from sinscal.sensors import SensorModel, sensor_model
 from sinscal.terms import BASIC

@@ -53,7 +53,8 @@ def _term(
     )
 
     def columns(record: Record) -> FloatArray:
-        return np.column_stack([column(record) for *_, column in parts])
+        # each column in one piece of memory: a run has hundreds of thousands of rows
+        return np.array([column(record) for *_, column in parts]).T
 
     return Term(
         name=name,

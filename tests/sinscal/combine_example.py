@@ -1,6 +1,6 @@
 """A simulated rig run of a SINS that warms itself, and its accelerometers' chamber models."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from sinscal.earth import DEG_PER_H
 from sinscal.motion import rig_motion
 from sinscal.programme import there_and_back
 from sinscal.run import RigRun
+from sinscal.sensors import Motion
 from sinscal.simulate import SensorNoise, self_heating, simulate_rig
 from sinscal.terms import BASIC
 from thermo.recording_model import head_force_g
@@ -31,6 +32,25 @@ class CombinedTwin:
     run: RigRun
     chambers: tuple[ChamberModel, ...]
     truth: dict[str, float]
+
+    def thermal_errors(self) -> dict[str, float]:
+        """Return the largest change of bias (m/s²) and scale error over the run, by axis."""
+        run, sensors = self.run, combined_sensors(self.chambers, BASIC)
+        rows = np.arange(0, len(run), 500)
+        assert run.temp_c is not None
+        still = np.zeros((rows.size, 3))
+        motion = Motion(
+            time_s=np.arange(1.0, rows.size + 1.0), step_s=np.ones(rows.size), w=still, f=still,
+            dw=still, temp_c=run.temp_c[rows],
+        )  # fmt: skip
+        values = np.array([self.truth[n] for n in sensors.names])
+        at_rest = sensors.errors(motion, values)[:, 3:]
+        loaded = sensors.errors(replace(motion, f=still + 1.0), values)[:, 3:] - at_rest
+        out: dict[str, float] = {}
+        for name, errors in (("accel_bias", at_rest), ("accel_scale", loaded)):
+            change = np.max(np.abs(errors - errors[0]), axis=0)
+            out |= {f"{name}_{a}": float(c) for a, c in zip("xyz", change, strict=True)}
+        return out
 
     def at_reference(self) -> dict[str, float]:
         """Return the true values at the reference temperature, in the rig's names."""

@@ -1,0 +1,69 @@
+"""Without noise the rig filter leaves nothing: what it left would be a bias in every calibration.
+
+Readings that are exact, a filter that expects noise: each estimate must then stand at the truth,
+to a small part of its sigma.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sinscal.calibrate import calibrate
+from sinscal.integrate import attitudes, mean_forces
+from sinscal.motion import rig_motion
+from sinscal.programme import there_and_back
+from sinscal.rigdata import cycle_data
+from sinscal.sensors import sensor_model
+from sinscal.simulate import SensorNoise, simulate_rig
+from sinscal.terms import BASIC
+from tests.sinscal.twin import NOISE
+
+EXACT = 0.02  # of a sigma: its square is nothing in a χ²
+# about the rates of gyros with 3′ of misalignment and 1e-3 of scale error, bias and so on
+SIZES = {
+    "gyro_misalignment": 9e-4,
+    "gyro_scale": 1e-3,
+    "gyro_bias": 2e-6,
+    "accel_misalignment": 9e-4,
+}
+
+
+def exact_run(hz: float = 50.0, cycle_s: float = 300.0):
+    programme = there_and_back(
+        (10.0, -10.0), cycle_s, "xyz", acceleration_deg_s2=20.0, azimuth_deg=30.0
+    )
+    true = rig_motion(programme, hz)
+    sensors = sensor_model(BASIC, gravity_m_s2=true.site.gravity_m_s2)
+    signs = np.random.default_rng(1).choice([-1.0, 1.0], len(sensors.names))
+    values = {
+        n: s * SIZES.get(n.rpartition("_")[0], 1e-3)
+        for n, s in zip(sensors.names, signs, strict=True)
+    }
+    run = simulate_rig(true, sensors, values, SensorNoise(), np.random.default_rng(2))
+    facts = replace(run.facts, gyro_noise=NOISE.gyro, accel_noise=NOISE.accel)
+    return true, replace(run, facts=facts), values
+
+
+@pytest.mark.parametrize("azimuth", [True, False], ids=["azimuth given", "north found"])
+def test_a_calibration_of_exact_readings_is_exact(azimuth: bool) -> None:
+    """With the azimuth given the misaligned gyros must not turn one cycle's axis in another's."""
+    _, run, values = exact_run()
+    run = run if azimuth else replace(run, facts=replace(run.facts, azimuth_rad=None))
+    found = calibrate(run)
+    errors = found.values - np.array([values[n] for n in found.names])
+    # the prior pulls by the truth's distance from its mean, over the sigma by which data know more
+    pull = found.cov @ np.linalg.solve(found.prior.cov, -np.array([values[n] for n in found.names]))
+    assert np.max(np.abs(errors - pull) / found.sigmas) < EXACT
+
+
+def test_a_reversal_leaves_no_force() -> None:
+    """10 °/s turned round at 20 °/s² and 50 Hz: half steps leave 1.1e-4 m/s², means 1 %."""
+    true, run, _ = exact_run(cycle_s=60.0)
+    for cycle, data in zip(true.cycles, cycle_data(run, 1.0), strict=True):
+        m = cycle.motion
+        mean, _ = attitudes(
+            np.array(m.w), np.array(m.step_s), np.array(cycle.c_start), true.site.earth_rate
+        )
+        force = mean_forces(mean, m.w, m.f, m.step_s, data.good, data.first, true.site.gravity_m_s2)
+        assert np.max(np.abs(force)) < 2e-6
