@@ -273,7 +273,7 @@ def _draw_outcomes(axes: Any, sets: Sequence[Scored], subject: Subject) -> None:
     axes.set_xlim(0, 100)
     axes.set_xlabel("share of the sets with effects of the library, %", fontsize=9)
     protocol, noise = subject.conditions
-    axes.set_title(f"Outcome by strength, {noise}, {protocol}, kind", fontsize=10)
+    axes.set_title(f"Outcome by strength, {noise},\n{protocol} and kind", fontsize=10)
     axes.legend(loc="upper center", bbox_to_anchor=(0.4, -0.1), ncols=3, fontsize=8, frameon=False)
     for side in ("top", "right"):
         axes.spines[side].set_visible(False)
