@@ -180,8 +180,9 @@ def _temperature_scale(c: ChannelId) -> Term:
     name = f"accel_temperature_scale_{c.letter}"
     own = _own(c)
     sentence = "The scale factor changes with temperature."
-    column = (name, f"ΓT{c.letter}", "1/°C", lambda r: r["x_c"] * r[own])
-    return _warm(_term(name, sentence, [column]))
+    unit = "1/°C"
+    made = _term(name, sentence, [(name, f"ΓT{c.letter}", unit, lambda r: r["x_c"] * r[own])])
+    return _warm(made)
 
 
 def _time_offset(c: ChannelId) -> Term:

@@ -190,7 +190,7 @@ def told_truth(made: Rehearsal) -> dict[str, dict[str, float | str]]:
     values = np.array([made.values[n] for n in names])
     none = np.zeros((values.size, values.size))
     told, at_ref, _ = at_reference(names, values, none, made.sensors.gravity_m_s2)
-    factors, units = reported_factors(made.sensors), made.units | AT_REFERENCE
+    factors, units = reported_factors(made.sensors), {**made.units, **AT_REFERENCE}
     return {
         n: {"value": float(v) * factors.get(n, 1.0), "unit": units[n]}
         for n, v in zip(told, at_ref, strict=True)
