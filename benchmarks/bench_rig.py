@@ -29,7 +29,7 @@ from sinscal.judged import Options, calibrate_and_judge
 from sinscal.motion import rig_motion
 from sinscal.priors import make_prior
 from sinscal.programme import there_and_back
-from sinscal.rigfilter import RigNoise
+from sinscal.rigdata import RigNoise
 from sinscal.sensors import sensor_model
 from sinscal.simulate import SensorNoise, simulate_rig
 from sinscal.terms import BASIC

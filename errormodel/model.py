@@ -132,6 +132,17 @@ class ErrorModel:
         ValueError
             If the record lacks a signal.
         """
+        record, blocks, after = self._evaluated(record, values, memory)
+        placed: dict[Place, list[FloatArray]] = {"gain": [], "scale": [], "input": []}
+        for term, block in blocks:
+            placed[term.place].append(block)
+        scale, inputs = (_side_by_side(placed[p], len(record)) for p in ("scale", "input"))
+        return Design(base=record[self.base], scale=scale, input=inputs), after
+
+    def _evaluated(
+        self, record: Record, values: Values, memory: Mapping[str, Memory] | None
+    ) -> tuple[Record, list[tuple[Term, FloatArray]], dict[str, Memory]]:
+        """Return the record with its inputs changed, each term's columns, and the memory after."""
         missing = sorted(self.needs - set(record.signals))
         if missing:
             raise ValueError(f"the record lacks {', '.join(missing)}")
@@ -139,13 +150,11 @@ class ErrorModel:
         after: dict[str, Any] = {}
         for change in (t for t in self.terms if isinstance(t, InputChange)):
             record, after[change.name] = change.change(record, values, before.get(change.name))
-        n = len(record)
-        columns: dict[Place, list[FloatArray]] = {"gain": [], "scale": [], "input": []}
+        blocks: list[tuple[Term, FloatArray]] = []
         for term in (t for t in self.terms if isinstance(t, Term)):
             block, after[term.name] = term.columns(record, values, before.get(term.name))
-            columns[term.place].append(block)
-        blocks = {p: _side_by_side(found, n) for p, found in columns.items()}
-        return Design(base=record[self.base], scale=blocks["scale"], input=blocks["input"]), after
+            blocks.append((term, block))
+        return record, blocks, after
 
     def simulate(self, record: Record, values: Values) -> FloatArray:
         """Compute the output of a channel with the coefficients and parameters given.
@@ -173,8 +182,16 @@ class ErrorModel:
         self, record: Record, values: Values, memory: Mapping[str, Memory] | None
     ) -> tuple[FloatArray, dict[str, Memory]]:
         """Compute the output and return the memory, to go on from the record's last reading."""
-        design, after = self.design(record, values, memory)
-        gain, factor, measured = self._factors(design, values)
+        record, blocks, after = self._evaluated(record, values, memory)
+        gain, factor, measured = 1.0, np.ones(1), record[self.base]
+        for term, block in blocks:
+            own = np.array([values[c.name] for c in term.coefficients])
+            if term.place == "gain":
+                gain = float(own[0])
+            elif term.place == "scale":
+                factor = factor + _weighted(block, own)
+            else:
+                measured = measured + _weighted(block, own)
         return gain * factor * measured, after
 
     def linearise(self, record: Record, values: Values) -> tuple[FloatArray, FloatArray]:
@@ -183,16 +200,20 @@ class ErrorModel:
         gain, factor, measured = self._factors(design, values)
         by_gain = [(factor * measured)[:, None]] if self.coefficients_in("gain") else []
         by_scale = (gain * measured)[:, None] * design.scale
-        by_input = (gain * factor)[:, None] * design.input
-        return gain * factor * measured, np.hstack([*by_gain, by_scale, by_input])
+        plain = not by_gain and design.scale.shape[1] == 0
+        by_input = design.input if plain else (gain * factor)[:, None] * design.input
+        return gain * factor * measured, _side_by_side([*by_gain, by_scale, by_input], len(record))
 
     def _factors(self, design: Design, values: Values) -> tuple[float, FloatArray, FloatArray]:
-        """Return the three factors of the output: gain, 1 + Σ scale, base + Σ input."""
+        """Return the three factors of the output: gain, 1 + Σ scale, base + Σ input.
+
+        Without scale terms the second is a single one.
+        """
         gain, scale, inputs = (
             np.array([values[c.name] for c in self.coefficients_in(place)])
             for place in ("gain", "scale", "input")
         )
-        factor = 1.0 + design.scale @ scale
+        factor = 1.0 + design.scale @ scale if scale.size else np.ones(1)
         return (float(gain[0]) if gain.size else 1.0), factor, design.base + design.input @ inputs
 
     def product_weights(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -227,6 +248,14 @@ class ErrorModel:
         return gain * plain, np.concatenate(pieces, axis=2)
 
 
+def _weighted(block: FloatArray, by: FloatArray) -> FloatArray:
+    """Return block @ by; for a single column a product is several times as fast."""
+    return block[:, 0] * by[0] if by.size == 1 else block @ by
+
+
 def _side_by_side(blocks: list[FloatArray], n: int) -> FloatArray:
     """Return blocks of columns of n rows as one; a single block is not copied."""
-    return blocks[0] if len(blocks) == 1 else np.hstack([np.zeros((n, 0)), *blocks])
+    filled = [b for b in blocks if b.shape[1]]
+    if not filled:
+        return np.zeros((n, 0))
+    return filled[0] if len(filled) == 1 else np.hstack(filled)

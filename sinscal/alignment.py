@@ -15,7 +15,7 @@ from sinscal.attitude import skew
 from sinscal.earth import Site
 from sinscal.integrate import attitudes
 from sinscal.layout import RigLayout
-from sinscal.rigfilter import CycleData, Nominal
+from sinscal.rigdata import CycleData, Nominal
 from sinscal.sensors import SensorModel
 
 # So long gyros that are not calibrated keep the vertical: 10 °/s with 3e-3 of error, 1.8°.
@@ -26,14 +26,12 @@ AXIS_ROWS = 3000
 
 def level(cycle: CycleData, sensors: SensorModel, values: FloatArray) -> FloatArray:
     """Return C at the start of a cycle in level axes of some azimuth, from its first minute."""
-    early = cycle.measured.time_s <= cycle.measured.time_s[0] + LEVEL_S
-    true = sensors.corrected(cycle.measured, values)
-    middle, _ = attitudes(
-        np.array(true.w[early]), np.array(true.step_s[early]), np.eye(3), np.zeros(3)
-    )
-    good = early & cycle.good
-    chosen = good[early]
-    forces = (middle[chosen] @ true.f[early][chosen][:, :, None])[:, :, 0]
+    measured = cycle.measured
+    early = measured.take(slice(int(np.sum(measured.time_s <= measured.time_s[0] + LEVEL_S))))
+    true = sensors.corrected(early, values)
+    middle, _ = attitudes(true.w, true.step_s, np.eye(3), np.zeros(3))
+    good = cycle.good[: len(early)]
+    forces = (middle[good] @ true.f[good][:, :, None])[:, :, 0]
     up: FloatArray = np.sum(forces, axis=0)
     up = up / float(np.linalg.norm(up))
     seed = np.eye(3)[int(np.argmin(np.abs(up)))]

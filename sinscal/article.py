@@ -23,7 +23,7 @@ from sinscal.covariance import Linearised, RigCovariance, linearise, solve
 from sinscal.earth import ARCMIN, ARCSEC, DEG_PER_H
 from sinscal.priors import make_prior
 from sinscal.programme import article_programme
-from sinscal.rigfilter import RigNoise
+from sinscal.rigdata import RigNoise
 from sinscal.sensors import sensor_model
 from sinscal.terms import BASIC, TIME_OFFSET
 

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from errormodel.arrays import FloatArray, IntArray
-from errormodel.filtering import covariance_share, start_transition
+from errormodel.gains import covariance_share, start_transition
 from sinscal.covariance import RigCovariance
 from sinscal.layout import RigLayout
 from sinscal.priors import group_of

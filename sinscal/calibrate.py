@@ -12,7 +12,7 @@ from errormodel.kalman import State
 from sinscal.layout import RigLayout
 from sinscal.north import KnownNorth, judge_north
 from sinscal.priors import RigPrior, make_prior
-from sinscal.rigfilter import Nominal, RigNoise, cycle_data
+from sinscal.rigdata import Nominal, RigNoise, cycle_data
 from sinscal.rigpass import Pass, RigFilter
 from sinscal.run import RigFacts, RigRun
 from sinscal.sensors import SensorModel, sensor_model

@@ -25,7 +25,7 @@ from sinscal.combined import (
 from sinscal.combined_flight import flight_errors
 from sinscal.contradiction import ChamberTest, compare_with_chamber
 from sinscal.priors import PriorFile, RigPrior
-from sinscal.rigfilter import RigNoise, cycle_data
+from sinscal.rigdata import RigNoise, cycle_data
 from sinscal.run import RigRun
 from sinscal.sensors import Motion, SensorModel, sensor_model
 from sinscal.terms import BASIC, TIME_OFFSET

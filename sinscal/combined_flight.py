@@ -7,7 +7,8 @@ from typing import cast
 import numpy as np
 
 from errormodel.arrays import FloatArray
-from errormodel.filtering import covariance_share, run_filter
+from errormodel.filtering import run_filter
+from errormodel.gains import covariance_share
 from errormodel.kalman import State
 from sinscal.calibrate import RigCalibration
 from sinscal.earth import A_M

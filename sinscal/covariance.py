@@ -17,7 +17,8 @@ from sinscal.layout import RigLayout
 from sinscal.motion import RigMotion, rig_motion
 from sinscal.priors import RigPrior
 from sinscal.programme import Programme
-from sinscal.rigfilter import CycleData, Nominal, RigNoise, make_steps
+from sinscal.rigdata import CycleData, Nominal, RigNoise
+from sinscal.rigfilter import make_steps
 from sinscal.rigpass import RigFilter
 from sinscal.run import AXES, RigFacts
 from sinscal.sensors import SensorModel

@@ -8,7 +8,7 @@ from errormodel.arrays import FloatArray, IntArray
 from errormodel.discrepancy.problem import Factor
 from sinscal.calibrate import RigCalibration
 from sinscal.rig_effects import LEAST_WARMING_C
-from sinscal.rigfilter import CycleData
+from sinscal.rigdata import CycleData
 from sinscal.run import RigRun
 
 BINS = 6

@@ -16,13 +16,15 @@ from errormodel.arrays import FloatArray, IntArray
 from errormodel.discrepancy.choices import Choice
 from errormodel.discrepancy.coloured import NoiseShape, TimeBase
 from errormodel.discrepancy.problem import Candidate, Problem, Signature, Theta
-from errormodel.filtering import NO_GATE, Steps, run_filter, signatures
+from errormodel.filtering import NO_GATE, Steps, run_filter
+from errormodel.gains import signatures
 from sinscal.calibrate import Mode, RigCalibration, calibrate
 from sinscal.consistency import rows_of_rig
 from sinscal.discrepancy_factors import rig_factors
 from sinscal.priors import make_prior
 from sinscal.rig_effects import BY_NAME, EFFECTS, RigEffect
-from sinscal.rigfilter import CycleData, RigNoise, cycle_data, make_steps
+from sinscal.rigdata import CycleData, RigNoise, cycle_data
+from sinscal.rigfilter import make_steps
 from sinscal.run import BoolArray, RigRun
 from sinscal.sensors import T_REF_C, SensorModel, sensor_model
 from sinscal.terms import BASIC, bias_step

@@ -6,9 +6,10 @@ import numpy as np
 from scipy.stats import chi2
 
 from errormodel.arrays import FloatArray
-from errormodel.filtering import NO_GATE
+from errormodel.filtering import NO_GATE, run_filter
+from sinscal.calibrate import RigCalibration
 from sinscal.priors import RigPrior
-from sinscal.rigfilter import RigNoise, cycle_data
+from sinscal.rigdata import RigNoise, cycle_data
 from sinscal.rigpass import ROUGHLY_SIGMAS, RigFilter
 from sinscal.run import RigRun
 from sinscal.sensors import SensorModel
@@ -78,6 +79,64 @@ def shift_test(
     told = share > LEAST_SHARE
     moved = axes[:, told].T @ (white.T @ shift)
     return Shift(chi2=float(np.sum(moved**2 / share[told])), dof=int(told.sum()))
+
+
+def without_cycle(found: RigCalibration, cycle: int) -> tuple[FloatArray, FloatArray]:
+    """Return values and covariance by the other cycles, about the nominal of all of them.
+
+    Were the others' own nominal taken, what they do not show would differ by its prior's sigma, and
+    with it the direction of what they show best: a thousandth times a thousandth is as much as the
+    sigma of that.
+
+    Parameters
+    ----------
+    found : RigCalibration
+        By all cycles. What its gate refused stays refused.
+    cycle : int
+        From 0.
+
+    Returns
+    -------
+    values : ndarray, shape (p,)
+    cov : ndarray, shape (p, p)
+        In the order of `found.names`.
+    """
+    left_out = (found.cycle_of_step == cycle)[:, None] | ~found.filtered.used
+    steps = replace(found.steps, z=np.where(left_out, np.nan, found.steps.z))
+    state = run_filter(found.start, steps).state
+    order, layout = found.layout.reported, found.layout
+    values = found.nominal.improved(state.x, layout)
+    return (
+        np.append(values.values, values.mount) if layout.angle else values.values,
+        state.cov[np.ix_(order, order)],
+    )
+
+
+def hold_out_last(run: RigRun, found: RigCalibration, interval_s: float) -> HoldOut:
+    """Judge the last cycle by the others.
+
+    Parameters
+    ----------
+    run : RigRun
+        Two cycles or more.
+    found : RigCalibration
+        Of all of them.
+    interval_s : float
+        Between two measurements of the filter.
+    """
+    last = len(run.cycles) - 1
+    values, cov = without_cycle(found, last)
+    alone, p = run.take_cycles([last]), len(found.sensors.names)
+    before, after = (
+        force_residual(alone, found.sensors, v[:p], found.noise, interval_s)
+        for v in (found.prior.values, values)
+    )
+    return HoldOut(
+        cycle=last,
+        shift=shift_test(found.values, found.cov, values, cov),
+        before_m_s2=before,
+        after_m_s2=after,
+    )
 
 
 def force_residual(

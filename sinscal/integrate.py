@@ -17,17 +17,50 @@ import numba
 import numpy as np
 
 from errormodel.arrays import FloatArray, IntArray
+from errormodel.kalman import REORDERED
+from sinscal.quaternions import (
+    Quaternion,
+    Vector,
+    cross,
+    dot,
+    normalised,
+    plus,
+    product,
+    quaternion_of,
+    row_of,
+    scaled,
+    unit_quaternion,
+    vector_of,
+    write_matrix,
+)
 from sinscal.run import BoolArray
+
+LEAST_S = 1e-9  # instead of no usable reading at all
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class SensorColumns:
+    """Derivatives of the sensors' errors by unknowns over n steps, and the axes they act along.
+
+    Attributes
+    ----------
+    gyro, accel : ndarray, shape (p_g, n), (p_a, n)
+    gyro_axis, accel_axis : ndarray of int, shape (p_g,), (p_a,)
+        0, 1, 2 of the body.
+    """
+
+    gyro: FloatArray
+    gyro_axis: IntArray
+    accel: FloatArray
+    accel_axis: IntArray
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Intervals:
-    """What one cycle's data say, K intervals; p_g columns of gyros, p_a of accelerometers.
+    """How one cycle's unknowns act, K intervals; p_g columns of gyros, p_a of accelerometers.
 
     Attributes
     ----------
-    first : ndarray of int, shape (K + 1,)
-        The first row of each interval, and the end.
     length_s, weight_s : ndarray, shape (K,)
         Duration, and what of it has usable readings of force.
     turned : ndarray, shape (K, 3, p_g)
@@ -36,53 +69,20 @@ class Intervals:
         The mean over the interval of that integral so far.
     forced : ndarray, shape (K, 3, p_a)
         Mean of C·(accelerometer columns).
-    force : ndarray, shape (K, 3)
-        Mean of C·f − γ.
-    c_end : ndarray, shape (n, 3, 3)
-        Computed attitude at the ends of the steps.
     """
 
-    first: IntArray
     length_s: FloatArray
     weight_s: FloatArray
     turned: FloatArray
     turned_mean: FloatArray
     forced: FloatArray
-    force: FloatArray
-    c_end: FloatArray
 
 
-@numba.njit(cache=True, inline="always")
-def _turn(v: FloatArray, out: FloatArray) -> None:
-    """Write exp(v ×) into `out`."""
-    x, y, z = v[0], v[1], v[2]
-    a2 = x * x + y * y + z * z
-    if a2 < 1e-6:
-        s = 1.0 - a2 / 6.0
-        c = 0.5 - a2 / 24.0
-    else:
-        a = np.sqrt(a2)
-        s = np.sin(a) / a
-        c = (1.0 - np.cos(a)) / a2
-    out[0, 0] = 1.0 - c * (y * y + z * z)
-    out[1, 1] = 1.0 - c * (x * x + z * z)
-    out[2, 2] = 1.0 - c * (x * x + y * y)
-    out[0, 1] = c * x * y - s * z
-    out[1, 0] = c * x * y + s * z
-    out[0, 2] = c * x * z + s * y
-    out[2, 0] = c * x * z - s * y
-    out[1, 2] = c * y * z - s * x
-    out[2, 1] = c * y * z + s * x
+def _own(values: FloatArray | BoolArray) -> FloatArray:
+    """Return floats that may be written to: for others a compiled function is compiled anew."""
+    return np.require(values, dtype=np.float64, requirements=["C", "W"])
 
 
-@numba.njit(cache=True, inline="always")
-def _times(a: FloatArray, b: FloatArray, out: FloatArray) -> None:
-    for i in range(3):
-        for j in range(3):
-            out[i, j] = a[i, 0] * b[0, j] + a[i, 1] * b[1, j] + a[i, 2] * b[2, j]
-
-
-@numba.njit(cache=True)
 def attitudes(
     w: FloatArray, step_s: FloatArray, c_start: FloatArray, earth: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
@@ -105,97 +105,84 @@ def attitudes(
     -------
     ndarray, ndarray, each of shape (n, 3, 3)
     """
+    return _attitudes(_own(w), _own(step_s), quaternion_of(c_start), vector_of(earth))
+
+
+@numba.njit(cache=True)
+def _attitudes(
+    w: FloatArray, step_s: FloatArray, start: Quaternion, earth: Vector
+) -> tuple[FloatArray, FloatArray]:
     n = w.shape[0]
     middle = np.empty((n, 3, 3))
     end = np.empty((n, 3, 3))
-    c = c_start.copy()
-    left, right = np.empty((3, 3)), np.empty((3, 3))
-    half, turned = np.empty((3, 3)), np.empty((3, 3))
-    before = np.zeros(3)
-    grown = np.empty(3)
+    q, before = start, (0.0, 0.0, 0.0)
+    left, left_s = (1.0, 0.0, 0.0, 0.0), 0.0
     for k in range(n):
         dt = step_s[k]
-        theta = w[k] * dt
+        if dt != left_s:
+            left, left_s = unit_quaternion(scaled(-0.5 * dt, earth)), dt
+        theta = scaled(dt, row_of(w, k))
         # coning between steps: the twelfth of the cross product of neighbouring increments
-        full = theta.copy()
-        full[0] += (before[1] * theta[2] - before[2] * theta[1]) / 12.0
-        full[1] += (before[2] * theta[0] - before[0] * theta[2]) / 12.0
-        full[2] += (before[0] * theta[1] - before[1] * theta[0]) / 12.0
+        full = plus(theta, scaled(1.0 / 12.0, cross(before, theta)))
+        half = unit_quaternion(scaled(0.5, full))
+        q = product(left, product(q, half))
+        # the twelfth of what the increment grows by, of central differences
         first, last = max(k - 1, 0), min(k + 1, n - 1)
-        apart = 0.5 * step_s[first] + 0.5 * step_s[last]
-        apart += dt if last - first == 2 else 0.0
-        for i in range(3):
-            # the twelfth of what the increment grows by, of central differences
-            grown[i] = (w[last, i] - w[first, i]) / apart * dt * dt / 12.0 if n > 1 else 0.0
-        _turn(0.5 * full, right)
-        _turn(-0.5 * dt * earth, left)
-        _times(c, right, half)
-        _times(left, half, turned)
-        _turn(-grown, half)
-        _times(turned, half, middle[k])
-        _times(turned, right, half)
-        _times(left, half, c)
+        apart = 0.5 * (step_s[first] + step_s[last]) + (dt if last - first == 2 else 0.0)
+        slope = dt * dt / 12.0 / apart
+        grown = plus(scaled(-slope, row_of(w, last)), scaled(slope, row_of(w, first)))
+        write_matrix(product(q, unit_quaternion(grown)), middle[k])
+        q = product(left, product(q, half))
         if k % 64 == 63:  # rounding must not let it cease to be a rotation
-            for _ in range(2):
-                g = c @ c.T
-                c = 0.5 * (3.0 * np.eye(3) - g) @ c
-        end[k] = c
+            q = normalised(q)
+        write_matrix(q, end[k])
         before = theta
     return middle, end
 
 
 @numba.njit(cache=True)
-def _sum(
-    middle: FloatArray,
-    step_s: FloatArray,
-    good: FloatArray,
-    w: FloatArray,
-    f: FloatArray,
-    columns: FloatArray,
-    axis: IntArray,
-    n_gyro: int,
+def _force_sums(
+    middle: FloatArray, w: FloatArray, f: FloatArray, step_s: FloatArray, use_s: FloatArray,
     first: IntArray,
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-    count = first.size - 1
-    p = columns.shape[1]
-    turned = np.zeros((count, 3, n_gyro))
-    turned_mean = np.zeros((count, 3, n_gyro))
-    forced = np.zeros((count, 3, p - n_gyro))
-    force = np.zeros((count, 3))
-    weight = np.zeros(count)
-    for k in range(count):
+) -> FloatArray:  # fmt: skip
+    force = np.zeros((first.size - 1, 3))
+    for k in range(first.size - 1):
         for s in range(first[k], first[k + 1]):
-            dt, use = step_s[s], step_s[s] * good[s]
-            c = middle[s]
-            for col in range(n_gyro):
-                j = axis[col]
-                part = columns[s, col] * dt
-                for i in range(3):
-                    grown = c[i, j] * part
-                    turned_mean[k, i, col] += use * (turned[k, i, col] + 0.5 * grown)
-                    turned[k, i, col] += grown
-            for col in range(n_gyro, p):
-                j = axis[col]
-                part = columns[s, col] * use
-                for i in range(3):
-                    forced[k, i, col - n_gyro] += c[i, j] * part
             # a force that stands still in n turns in the body during the step: its mean there is
             # shorter across the rotation by (ω·dt)²/24
-            wx, wy, wz = w[s, 0] * dt, w[s, 1] * dt, w[s, 2] * dt
-            fx, fy, fz = f[s, 0], f[s, 1], f[s, 2]
-            along = wx * fx + wy * fy + wz * fz
-            w2 = wx * wx + wy * wy + wz * wz
-            fx += (w2 * fx - wx * along) / 24.0
-            fy += (w2 * fy - wy * along) / 24.0
-            fz += (w2 * fz - wz * along) / 24.0
+            theta, mean = scaled(step_s[s], row_of(w, s)), row_of(f, s)
+            longer = plus(scaled(dot(theta, theta), mean), scaled(-dot(theta, mean), theta))
+            x, y, z = plus(mean, scaled(1.0 / 24.0, longer))
+            c = middle[s]
             for i in range(3):
-                force[k, i] += use * (c[i, 0] * fx + c[i, 1] * fy + c[i, 2] * fz)
-            weight[k] += use
-        if weight[k] > 0.0:
-            turned_mean[k] /= weight[k]
-            forced[k] /= weight[k]
-            force[k] /= weight[k]
-    return turned, turned_mean, forced, force, weight
+                force[k, i] += use_s[s] * (c[i, 0] * x + c[i, 1] * y + c[i, 2] * z)
+    return force
+
+
+@numba.njit(cache=True, fastmath=REORDERED)
+def _column_sums(
+    middle: FloatArray, weight: FloatArray, columns: FloatArray, axis: IntArray, first: IntArray
+) -> FloatArray:
+    """Return Σ weight·C·column of each interval, (K, 3, p); columns are (p, n), each along an axis.
+
+    The attitudes of an interval are laid out so that each sum runs over neighbours in memory.
+    """
+    p, count = columns.shape[0], first.size - 1
+    out = np.empty((count, 3, p))
+    turning = np.empty((3, 3, np.max(np.diff(first))))
+    for k in range(count):
+        begin, length = first[k], first[k + 1] - first[k]
+        for s in range(length):
+            for i in range(3):
+                for j in range(3):
+                    turning[i, j, s] = weight[begin + s] * middle[begin + s, i, j]
+        for col in range(p):
+            for i in range(3):
+                total = 0.0
+                for s in range(length):
+                    total += turning[i, axis[col], s] * columns[col, begin + s]
+                out[k, i, col] = total
+    return out
 
 
 def interval_rows(time_s: FloatArray, step_s: FloatArray, interval_s: float) -> IntArray:
@@ -206,59 +193,74 @@ def interval_rows(time_s: FloatArray, step_s: FloatArray, interval_s: float) -> 
     return np.unique(np.concatenate([[0], ends, [time_s.size]])).astype(np.intp)
 
 
-def sum_intervals(
+def usable_s(step_s: FloatArray, good: FloatArray | BoolArray, first: IntArray) -> FloatArray:
+    """Return how long each interval has usable readings of force, s, shape (K,)."""
+    return np.add.reduceat(step_s * good, first[:-1])
+
+
+def mean_forces(
     middle: FloatArray,
-    end: FloatArray,
     w: FloatArray,
     f: FloatArray,
     step_s: FloatArray,
     good: FloatArray | BoolArray,
-    columns: FloatArray,
-    axis: IntArray,
-    n_gyro: int,
     first: IntArray,
     gravity_m_s2: float,
-) -> Intervals:
-    """Sum one cycle into intervals, its attitude given.
+) -> FloatArray:
+    """Return the mean of C·f − γ over each interval, m/s², shape (K, 3).
 
     Parameters
     ----------
-    middle, end : ndarray, shape (n, 3, 3)
-        C_nb in the mean over each step and at its end.
+    middle : ndarray, shape (n, 3, 3)
+        C_nb in the mean over each step.
     w, f : ndarray, shape (n, 3)
         Corrected rates and forces, means over the steps.
     step_s : ndarray, shape (n,)
     good : ndarray, shape (n,)
         0 where the force must not be used, else 1.
-    columns : ndarray, shape (n, p)
-        Derivatives by the unknowns, gyros' first.
-    axis : ndarray of int, shape (p,)
-        The body axis each column acts along.
-    n_gyro : int
-        How many are the gyros'.
     first : ndarray of int, shape (K + 1,)
         From `interval_rows`.
     gravity_m_s2 : float
-
-    Returns
-    -------
-    Intervals
     """
-    # copies: a compiled function is compiled anew for arrays that are read-only
-    middle, w, f, step_s, columns = (
-        np.array(a, dtype=float) for a in (middle, w, f, step_s, columns)
+    total = _force_sums(
+        _own(middle), _own(w), _own(f), _own(step_s), _own(step_s * good), np.array(first)
     )
-    turned, turned_mean, forced, force, weight = _sum(
-        middle, step_s, np.array(good, dtype=float), w, f, columns, np.array(axis), n_gyro,
-        np.array(first),
-    )  # fmt: skip
+    mean = total / np.maximum(usable_s(step_s, good, first), LEAST_S)[:, None]
+    return mean - np.array([0.0, 0.0, gravity_m_s2])
+
+
+def sum_columns(
+    middle: FloatArray,
+    step_s: FloatArray,
+    good: FloatArray | BoolArray,
+    columns: SensorColumns,
+    first: IntArray,
+) -> Intervals:
+    """Sum one cycle's columns into intervals, its attitude given.
+
+    Parameters
+    ----------
+    middle, step_s, good, first
+        As of `mean_forces`.
+    columns : SensorColumns
+    """
+    middle, step_s = _own(middle), _own(step_s)
+    use_s = step_s * good
+    starts, rows = first[:-1], np.diff(first)
+    weight_s = np.add.reduceat(use_s, starts)
+    # what a step adds to the integral is in its mean for all that is usable of the interval later
+    so_far = np.cumsum(use_s)
+    later = np.repeat(so_far[first[1:] - 1], rows) - so_far + 0.5 * use_s
+    share = 1.0 / np.maximum(weight_s, LEAST_S)[:, None, None]
+    rows_of = np.array(first)
+
+    def summed(weight: FloatArray, of: FloatArray, axis: IntArray) -> FloatArray:
+        return _column_sums(middle, weight, _own(of), np.array(axis), rows_of)
+
     return Intervals(
-        first=first,
-        length_s=np.add.reduceat(step_s, first[:-1]),
-        weight_s=weight,
-        turned=turned,
-        turned_mean=turned_mean,
-        forced=forced,
-        force=force - np.array([0.0, 0.0, gravity_m_s2]),
-        c_end=end,
+        length_s=np.add.reduceat(step_s, starts),
+        weight_s=weight_s,
+        turned=summed(step_s, columns.gyro, columns.gyro_axis),
+        turned_mean=share * summed(step_s * later, columns.gyro, columns.gyro_axis),
+        forced=share * summed(use_s, columns.accel, columns.accel_axis),
     )

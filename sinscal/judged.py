@@ -17,12 +17,12 @@ from sinscal.consistency import (
     refused_of,
     rows_of_rig,
 )
-from sinscal.holdout import HoldOut, force_residual, shift_test
+from sinscal.holdout import HoldOut, hold_out_last, shift_test
 from sinscal.navigation import NavCalibration, calibrate_navigation
 from sinscal.noise_estimate import NoiseFound, noise_of_run, refined
 from sinscal.observability import Observability, observability
 from sinscal.priors import PriorFile, RigPrior, make_prior
-from sinscal.rigfilter import RigNoise
+from sinscal.rigdata import RigNoise
 from sinscal.run import NavRun, RigRun
 from sinscal.sensors import T_REF_C, SensorModel, sensor_model
 from sinscal.terms import BASIC, TIME_OFFSET
@@ -125,7 +125,7 @@ def calibrate_and_judge(run: RigRun, options: Options, tell: Tell = lambda _: No
     held = None
     if options.hold_out and len(run.cycles) > 1:
         tell("without the last cycle")
-        held = _held_out(run, found, lambda part: once(part, noise), options.interval_s)
+        held = hold_out_last(run, found, options.interval_s)
     flag = np.asarray(run.flag)
     return judge(
         found,
@@ -198,28 +198,6 @@ def _as_asked(noise: NoiseFound, options: Options) -> NoiseFound:
         instability_tau_s=options.instability_tau_s,
     )
     return replace(noise, noise=asked)
-
-
-def _held_out(
-    run: RigRun,
-    found: RigCalibration,
-    once: Callable[[RigRun], RigCalibration],
-    interval_s: float,
-) -> HoldOut:
-    last = len(run.cycles) - 1
-    others = once(run.take_cycles(range(last)))
-    alone = run.take_cycles([last])
-    p = len(found.sensors.names)
-
-    def residual(values: FloatArray) -> float:
-        return force_residual(alone, found.sensors, values, found.noise, interval_s)
-
-    return HoldOut(
-        cycle=last,
-        shift=shift_test(found.values, found.cov, others.values, others.cov),
-        before_m_s2=residual(found.prior.values),
-        after_m_s2=residual(others.values[:p]),
-    )
 
 
 def judge(

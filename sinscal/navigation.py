@@ -17,10 +17,10 @@ from errormodel.filtering import NO_GATE, Filtered, Steps, joined, run_filter
 from errormodel.kalman import State, initial_state
 from sinscal.attitude import rotation, rotvec_of, skew
 from sinscal.earth import radii_m
-from sinscal.integrate import sum_intervals
+from sinscal.integrate import sum_columns
 from sinscal.navigation_errors import hold_height, navigation_dynamics
 from sinscal.priors import RigPrior, make_prior
-from sinscal.rigfilter import joint_columns
+from sinscal.rigfilter import sensor_columns
 from sinscal.run import NavRun
 from sinscal.sensors import Motion, SensorModel, rate_derivative, sensor_model
 
@@ -291,23 +291,21 @@ def _cycle(
     c_nb = rotation(turned) @ run.c_nb[rows]
     time_s = run.time_s[rows]
     count = time_s.size
-    motion, middle, end, first = _between(run, rows, c_nb, time_s)
-    columns, axis, n_gyro = joint_columns(sensors, motion, values)
+    motion, middle, first = _between(run, rows, c_nb, time_s)
+    columns = sensor_columns(sensors, motion, values)
     g = run.facts.site.gravity_m_s2
-    found = sum_intervals(
-        middle, end, motion.w, motion.f, motion.step_s, np.ones(len(motion)), columns, axis,
-        n_gyro + 3, first, g,
-    )  # fmt: skip
+    found = sum_columns(middle, motion.step_s, np.ones(len(motion)), columns, first)
     n, lead = len(MOVING) + len(sensors.names), len(MOVING)
     phi, q = np.zeros((count, lead, n)), np.zeros((count, lead))
     lever = g * skew(np.array([0.0, 0.0, 1.0]))
+    n_gyro = found.turned.shape[2]
     gyro, accel = slice(lead, lead + n_gyro), slice(lead + n_gyro, n)
     t = found.length_s[:, None, None]
-    by_gyro = -found.turned[:, :, :n_gyro]
-    pushed = t * found.forced[:, :, :-3]
+    by_gyro = -found.turned
+    pushed = t * found.forced
     phi[:-1, :, :lead] = _transitions(run, rows, found.length_s, free)
     phi[:-1, :3, gyro] = by_gyro
-    phi[:-1, 3:6, gyro] = -t * (lever @ found.turned_mean[:, :, :n_gyro])
+    phi[:-1, 3:6, gyro] = -t * (lever @ found.turned_mean)
     phi[:-1, 3:6, accel] = pushed
     phi[:-1, 6:9, gyro] = 0.5 * t * phi[:-1, 3:6, gyro]
     phi[:-1, 6:9, accel] = 0.5 * t * pushed
@@ -371,7 +369,7 @@ def _transitions(run: NavRun, rows: slice, length_s: FloatArray, free: bool) -> 
 
 def _between(
     run: NavRun, rows: slice, c_nb: FloatArray, time_s: FloatArray
-) -> tuple[Motion, FloatArray, FloatArray, IntArray]:
+) -> tuple[Motion, FloatArray, IntArray]:
     """Follow the attitude between outputs at a uniform rate, in small steps."""
     site = run.facts.site
     turn = rotvec_of(np.swapaxes(c_nb[:-1], 1, 2) @ c_nb[1:])
@@ -379,9 +377,7 @@ def _between(
     length = np.diff(time_s)
     share = (np.arange(parts) + 0.5) / parts
     middle = c_nb[:-1, None] @ rotation(share[None, :, None] * turn[:, None])
-    later = (np.arange(parts) + 1.0) / parts
-    end = c_nb[:-1, None] @ rotation(later[None, :, None] * turn[:, None])
-    middle, end = middle.reshape(-1, 3, 3), end.reshape(-1, 3, 3)
+    middle = middle.reshape(-1, 3, 3)
     step_s = np.repeat(length / parts, parts)
     back = np.swapaxes(middle, 1, 2)
     w = np.repeat(turn / length[:, None], parts, axis=0) + back @ site.earth_rate
@@ -398,7 +394,7 @@ def _between(
         temp_c=temp,
     )
     first = np.arange(0, step_s.size + 1, parts)
-    return motion, middle, end, first
+    return motion, middle, first
 
 
 def _followed(steps: Steps, run: NavRun, x: FloatArray, start: State) -> tuple[FloatArray, ...]:

@@ -8,7 +8,7 @@ import numpy as np
 from errormodel.arrays import FloatArray
 from errormodel.filtering import Filtered
 from sinscal.consistency import ALONG, rows_of_rig
-from sinscal.rigfilter import RigNoise
+from sinscal.rigdata import RigNoise
 from sinscal.run import RigFacts, RigRun
 
 BLOCK_S = 0.25  # over which readings are averaged first: quantisation is then nothing

@@ -9,7 +9,7 @@ from errormodel.arrays import FloatArray
 from errormodel.errors import InputError
 from sinscal.alignment import azimuth_of, mean_axis
 from sinscal.attitude import rotation
-from sinscal.rigfilter import CycleData, Nominal
+from sinscal.rigdata import CycleData, Nominal
 from sinscal.run import RigFacts
 
 # North that is found no better than this is no north: the gyros do not feel the earth.

@@ -2,11 +2,23 @@
 
 import numba
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from errormodel.arrays import FloatArray
 
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]  # scalar first
+
+
+def vector_of(v: FloatArray) -> Vector:
+    """Return an array of three as a vector."""
+    return float(v[0]), float(v[1]), float(v[2])
+
+
+def quaternion_of(c: FloatArray) -> Quaternion:
+    """Return the quaternion of a rotation matrix, shape (3, 3)."""
+    w, x, y, z = Rotation.from_matrix(c).as_quat(scalar_first=True).tolist()
+    return w, x, y, z
 
 
 @numba.njit(cache=True)
@@ -70,3 +82,22 @@ def turned(q: Quaternion, a: Vector) -> Vector:
     u = (q[1], q[2], q[3])
     once = scaled(2.0, cross(u, a))
     return plus(a, plus(scaled(q[0], once), cross(u, once)))
+
+
+@numba.njit(cache=True)
+def normalised(q: Quaternion) -> Quaternion:
+    """Return a quaternion of length one."""
+    k = 1.0 / np.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+    return k * q[0], k * q[1], k * q[2], k * q[3]
+
+
+@numba.njit(cache=True)
+def write_matrix(q: Quaternion, out: FloatArray) -> None:
+    """Write the rotation matrix of a unit quaternion into `out`, shape (3, 3)."""
+    w, x, y, z = q
+    out[0, 0] = 1.0 - 2.0 * (y * y + z * z)
+    out[1, 1] = 1.0 - 2.0 * (x * x + z * z)
+    out[2, 2] = 1.0 - 2.0 * (x * x + y * y)
+    out[0, 1], out[1, 0] = 2.0 * (x * y - w * z), 2.0 * (x * y + w * z)
+    out[0, 2], out[2, 0] = 2.0 * (x * z + w * y), 2.0 * (x * z - w * y)
+    out[1, 2], out[2, 1] = 2.0 * (y * z - w * x), 2.0 * (y * z + w * x)

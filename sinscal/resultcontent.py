@@ -15,7 +15,7 @@ from sinscal.consistency import Consistency, Nis
 from sinscal.holdout import Shift
 from sinscal.judged import Calibration, Judged
 from sinscal.observability import Observability
-from sinscal.rigfilter import RigNoise
+from sinscal.rigdata import RigNoise
 from sinscal.run import NavRun, RigRun
 
 MOUNT = "rig_mount_"

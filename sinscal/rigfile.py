@@ -14,7 +14,7 @@ from errormodel.files import read_toml
 from sinscal.earth import ARCSEC, DEG_PER_H
 from sinscal.motion import Harmonic, RigFaults, Wobble
 from sinscal.programme import Finite, Positive, Programme
-from sinscal.rigfilter import RigNoise
+from sinscal.rigdata import RigNoise
 from sinscal.simulate import SensorNoise, Warming, self_heating
 
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]

@@ -12,12 +12,14 @@ from sinscal.alignment import find_north, found_azimuth, level_nominal
 from sinscal.attitude import rotation, rotvec_of
 from sinscal.layout import RigLayout
 from sinscal.priors import RigPrior
-from sinscal.rigfilter import CycleData, Nominal, RigNoise, make_steps
+from sinscal.rigdata import CycleData, Nominal, RigNoise
+from sinscal.rigfilter import make_steps, remeasured
 from sinscal.run import RigFacts
 from sinscal.sensors import SensorModel
 
 MAX_ITERATIONS = 15
 # North is sought only until nothing moves by more than this: the next filter goes on from there.
+# Once the nominal moves by less, the derivatives about it stay.
 ROUGHLY_SIGMAS = 0.3
 
 
@@ -78,7 +80,8 @@ class RigFilter:
         rough = self.thinned(interval_s)
         nominal = level_nominal(rough.cycles, self.sensors, self.prior.values, site)
         ended = rough.iterate(nominal, layout, NO_GATE, ROUGHLY_SIGMAS)
-        north = find_north(ended.nominal, ended.filtered.state.cov, layout, site)
+        improved = ended.nominal.improved(ended.filtered.state.x, layout)
+        north = find_north(improved, ended.filtered.state.cov, layout, site)
         return north.nominal, north.sigma_rad
 
     def thinned(self, interval_s: float) -> "RigFilter":
@@ -98,8 +101,9 @@ class RigFilter:
             assert cycle.axis is not None
             unit = np.eye(3)[cycle.axis]
             back = rotation(-float(cycle.angle[0]) * unit)
-            first = rotation(self.sensors.corrected(cycle.measured, nominal.values).w[0]
-                             * cycle.measured.step_s[0])  # fmt: skip
+            early = cycle.measured.take(slice(2))
+            true = self.sensors.corrected(early, nominal.values)
+            first = rotation(true.w[0] * true.step_s[0])
             bases.append(nominal.c_start[k] @ first @ back)
         return replace(
             nominal,
@@ -108,33 +112,43 @@ class RigFilter:
         )
 
     def iterate(self, nominal: Nominal, layout: RigLayout, gate: float, enough: float) -> Pass:
-        """Filter, improve the nominal, and again, until nothing moves by `enough` sigmas."""
+        """Filter, improve the nominal, and again, until nothing moves by `enough` sigmas.
+
+        Derivatives are those of the first nominal from which little moves: a chord, not a tangent.
+        """
         anchor = nominal
-        count, limit, calm = 0, np.inf, False
+        steps = self.steps(nominal, layout)
+        count, limit = 0, np.inf
         while True:
-            steps = make_steps(
-                self.cycles, self.sensors, nominal, layout, self.noise,
-                self.facts.site.gravity_m_s2,
-            )  # fmt: skip
             start = self.start(nominal, anchor, layout)
             filtered = run_filter(start, steps, gate=limit)
-            if (calm and limit == gate) or count >= MAX_ITERATIONS:
+            moved = _moved(filtered.state, layout)
+            converged = moved < enough and limit == gate
+            if converged or count >= MAX_ITERATIONS:
                 return Pass(
                     nominal=nominal,
                     start=start,
                     steps=steps,
                     filtered=filtered,
                     iterations=count,
-                    converged=calm and limit == gate,
+                    converged=converged,
                 )
             count += 1
-            moved = _moved(filtered.state, layout)
-            nominal = nominal.improved(filtered.state.x, layout)
-            calm = moved < enough
-            if calm or limit < np.inf:
+            if moved >= enough:
+                nominal = nominal.improved(filtered.state.x, layout)
+                chord = steps if moved < ROUGHLY_SIGMAS else None
+                steps = self.steps(nominal, layout, chord)
+            if moved < enough or limit < np.inf:
                 # the gate closes as far as what is left of outliers and of the linearisation allows
                 limit = gate * max(1.0, 0.8 * spread_of(filtered))
                 limit = gate if limit < 1.05 * gate else limit
+
+    def steps(self, nominal: Nominal, layout: RigLayout, chord: Steps | None = None) -> Steps:
+        """Return the steps about a nominal, with the derivatives of `chord` if there is one."""
+        gravity = self.facts.site.gravity_m_s2
+        if chord is not None:
+            return remeasured(chord, self.cycles, self.sensors, nominal, layout, gravity)
+        return make_steps(self.cycles, self.sensors, nominal, layout, self.noise, gravity)
 
     def start(self, nominal: Nominal, anchor: Nominal, layout: RigLayout) -> State:
         """Return the state before all data: what is known beforehand, about the nominal."""

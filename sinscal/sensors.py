@@ -27,6 +27,7 @@ RATE_WINDOW_S = 120.0
 TEMPERATURES = frozenset(["x_c", "x_slow_c", "rate_c_per_min"])
 # What is not linear is 1e-3 of the motion at most: each step of the inverse leaves less of it.
 INVERSE_STEPS = 6
+LEFT = 1e-12  # m/s² of what is measured, where the inverse ends
 LEFT_WEIGHTS = np.array([100.0, 100.0, 100.0, 1.0, 1.0, 1.0])  # rates are to be had a digit better
 # Slow enough that what goes with the square of the rate is nothing beside what goes with the rate.
 TRIAL_RATE_RAD_S = 1e-3
@@ -67,7 +68,7 @@ class Motion:
     def __len__(self) -> int:
         return self.time_s.size
 
-    def take(self, rows: IntArray) -> "Motion":
+    def take(self, rows: IntArray | slice) -> "Motion":
         """Return some of the steps, each as it was."""
         return replace(
             self,
@@ -149,11 +150,11 @@ class SensorModel:
 
     def errors(self, motion: Motion, values: FloatArray) -> FloatArray:
         """Compute measured minus true of the six sensors, SI, shape (n, 6)."""
-        out = np.zeros((len(motion), 6))
+        rows = np.empty((6, len(motion)))  # what concerns a sensor is in one piece of memory
         for k, (c, record) in enumerate(self._records(motion)):
             mine = dict(zip(c.model.names, values[self.places[k]].tolist(), strict=True))
-            out[:, k] = c.unit * (c.model.simulate(record, mine) - record[c.model.base])
-        return out
+            rows[k] = c.unit * (c.model.simulate(record, mine) - record[c.model.base])
+        return rows.T
 
     def measured(self, motion: Motion, values: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Compute what sensors without noise measure: rates and forces, each (n, 3)."""
@@ -163,26 +164,38 @@ class SensorModel:
     def corrected(self, motion: Motion, values: FloatArray) -> Motion:
         """Return the true motion behind measured rates and forces: the inverse of `measured`.
 
-        Newton's steps with the slope at rest: what is linear, most of all errors, takes one.
+        Newton's steps with the slope at rest: what is linear, most of all errors, takes one. Each
+        step leaves about the same share of what it found, and the last is not looked at again.
         """
         inverse, offset = self._at_rest(motion, values)
-        measured = np.hstack([motion.w, motion.f])
-        true = _moved_to(motion, (measured - offset) @ inverse.T)
+        measured = np.array([*motion.w.T, *motion.f.T])
+        now = inverse @ (measured - offset[:, None])
+        true = _moved_to(motion, now)
+        before = 0.0
         for _ in range(INVERSE_STEPS):
-            now = np.hstack([true.w, true.f])
-            left = measured - now - self.errors(true, values)
-            if float(np.max(np.abs(left) * LEFT_WEIGHTS, initial=0.0)) < 1e-12:
+            left = measured - now - self.errors(true, values).T
+            size = float(np.max(np.abs(left).max(axis=1, initial=0.0) * LEFT_WEIGHTS))
+            if size < LEFT:
                 break
-            true = _moved_to(motion, now + left @ inverse.T)
+            now = now + inverse @ left
+            true = _moved_to(motion, now)
+            if before and size * size / before < LEFT:
+                break
+            before = size
         return true
 
     def columns(self, motion: Motion, values: FloatArray) -> FloatArray:
-        """Return the derivative of each unknown's own channel by it, SI, shape (n, p of six)."""
-        blocks: list[FloatArray] = []
+        """Return the derivative of each unknown's own channel by it, SI, shape (n, p of six).
+
+        Each column is in one piece of memory.
+        """
+        rows = np.empty((self.places[5].stop, len(motion)))
         for k, (c, record) in enumerate(self._records(motion)):
             mine = dict(zip(c.model.names, values[self.places[k]].tolist(), strict=True))
-            blocks.append(c.unit * derivative(c.model, record, mine))
-        return np.hstack([np.zeros((len(motion), 0)), *blocks])
+            rows[self.places[k]] = derivative(c.model, record, mine).T
+            if c.unit != 1.0:
+                rows[self.places[k]] *= c.unit
+        return rows.T
 
     def angle_columns(self, angle: FloatArray, turn: FloatArray) -> FloatArray:
         """Return the derivative of the measured angle by its unknowns, shape (n, p of angle)."""
@@ -263,10 +276,10 @@ class SensorModel:
         return own
 
 
-def _moved_to(motion: Motion, wf: FloatArray) -> Motion:
-    """Return a motion with other rates and forces, shape (n, 6)."""
-    w = wf[:, :3]
-    return replace(motion, w=w, f=wf[:, 3:], dw=rate_derivative(w, motion.step_s))
+def _moved_to(motion: Motion, rows: FloatArray) -> Motion:
+    """Return a motion with other rates and forces, shape (6, n)."""
+    w = rows[:3].T
+    return replace(motion, w=w, f=rows[3:].T, dw=rate_derivative(w, motion.step_s))
 
 
 def ends_of(values: FloatArray, at_start: NDArray[np.bool_]) -> FloatArray:

@@ -27,12 +27,15 @@ from sinscal.quaternions import (
     Vector,
     cross,
     dot,
+    normalised,
     plus,
     product,
+    quaternion_of,
     row_of,
     scaled,
     turned,
     unit_quaternion,
+    vector_of,
 )
 
 ORTHONORMAL = 1e-9  # how far a starting attitude may be from a rotation
@@ -147,8 +150,8 @@ def navigate(
         w,
         f,
         (float(start.lat_rad), float(start.lon_rad), float(start.height_m)),
-        _vector(start.velocity),
-        _quaternion(start.c_nb),
+        vector_of(start.velocity),
+        quaternion_of(start.c_nb),
         every,
         height_held,
     )
@@ -161,15 +164,6 @@ def navigate(
         velocity=velocity,
         c_nb=Rotation.from_quat(quaternion, scalar_first=True).as_matrix(),
     )
-
-
-def _vector(v: FloatArray) -> Vector:
-    return float(v[0]), float(v[1]), float(v[2])
-
-
-def _quaternion(c: FloatArray) -> Quaternion:
-    w, x, y, z = Rotation.from_matrix(c).as_quat(scalar_first=True).tolist()
-    return w, x, y, z
 
 
 @numba.njit(cache=True)
@@ -253,8 +247,7 @@ def advance(
         p[2] + step * middle[2],
     )
     q = product(product(unit_quaternion(scaled(-1.0, spin)), q), unit_quaternion(turn))
-    norm = np.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
-    return place, gained, (q[0] / norm, q[1] / norm, q[2] / norm, q[3] / norm)
+    return place, gained, normalised(q)
 
 
 @numba.njit(cache=True)

@@ -53,7 +53,8 @@ def _term(
     )
 
     def columns(record: Record) -> FloatArray:
-        return np.column_stack([column(record) for *_, column in parts])
+        # each column in one piece of memory: a run has hundreds of thousands of rows
+        return np.array([column(record) for *_, column in parts]).T
 
     return Term(
         name=name,
@@ -180,9 +181,11 @@ def _temperature_scale(c: ChannelId) -> Term:
     name = f"accel_temperature_scale_{c.letter}"
     own = _own(c)
     sentence = "The scale factor changes with temperature."
-    unit = "1/°C"
-    made = _term(name, sentence, [(name, f"ΓT{c.letter}", unit, lambda r: r["x_c"] * r[own])])
-    return _warm(made)
+
+    def warmed(record: Record) -> FloatArray:
+        return record["x_c"] * record[own]
+
+    return _warm(_term(name, sentence, [(name, f"ΓT{c.letter}", "1/°C", warmed)]))
 
 
 def _time_offset(c: ChannelId) -> Term:

@@ -14,7 +14,7 @@ from errormodel.discrepancy.choices import Rules, SearchResult
 from errormodel.discrepancy.coloured import NoiseShape
 from errormodel.discrepancy.floor import NoiseFloor, estimate_floor
 from errormodel.discrepancy.foresight import Foresight, foresee
-from errormodel.discrepancy.gate import FactorFinding, Judgement, judge, locate
+from errormodel.discrepancy.gate import Conclusion, FactorFinding, Judgement, judge, locate
 from errormodel.discrepancy.nulls import Calibration, calibrate
 from errormodel.discrepancy.problem import Problem
 from errormodel.discrepancy.scan import View
@@ -40,7 +40,7 @@ Tell = Callable[[str], None]
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Discrepancy:
+class Discrepancy(Conclusion):
     """One accelerometer's verdict and everything it stands on.
 
     Attributes
@@ -48,8 +48,6 @@ class Discrepancy:
     channel : Channel
     t_ref_c : float
     source : ThermalSource
-    judgement : Judgement
-    result : SearchResult
     laws : Calibration
     foresight : Foresight
     floor : NoiseFloor
@@ -58,8 +56,6 @@ class Discrepancy:
     plain_before, plain_after : Fitted
         The same with readings weighed alike: residuals.
     effects : tuple of EffectFound
-    where : FactorFinding or None
-        The factor that carries the excess.
     where_text : str
     rms_before_ug, rms_after_ug, floor_ug : float
         Over readings.
@@ -70,8 +66,6 @@ class Discrepancy:
     channel: Channel
     t_ref_c: float
     source: ThermalSource
-    judgement: Judgement
-    result: SearchResult
     laws: Calibration
     foresight: Foresight
     invisible: tuple[str, ...]
@@ -81,7 +75,6 @@ class Discrepancy:
     plain_before: Fitted
     plain_after: Fitted
     effects: tuple[EffectFound, ...]
-    where: FactorFinding | None
     where_text: str
     rms_before_ug: float
     rms_after_ug: float
@@ -93,18 +86,6 @@ class Discrepancy:
     def serial(self) -> str:
         """Serial number."""
         return self.channel.serial
-
-    @property
-    def verdict(self) -> str:
-        """One of named, alias, unexplained_repeatable, unexplained_noise, nothing."""
-        return self.judgement.verdict
-
-    @property
-    def alias_sets(self) -> tuple[tuple[str, ...], ...]:
-        """Effects that these data cannot tell apart."""
-        if self.verdict != "alias":
-            return ()
-        return tuple(s.alias for s in self.result.slots if len(s.alias) > 1)
 
 
 def default_baseline(channel: Channel) -> ErrorModel:

@@ -21,7 +21,7 @@ from thermo.terms import term
 
 MICRO = 1e6
 REFITS = 8
-STEP_TRIALS = 160  # instants at which a step is tried
+STEP_TRIALS = 320  # instants at which a step is tried
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

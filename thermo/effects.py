@@ -142,18 +142,25 @@ def _lag(at: Context) -> Sequence[Form]:
     ]
 
 
-def _run_in(at: Context) -> Sequence[Form]:
-    if "run_in" in at.term_names:
-        return []
-    grid = _log_grid(max(0.3, at.hours / 40.0), max(1.0, at.hours * 2.0), 8)
-    return [Form(terms=("run_in",), parameters=("run_in_tau_h",), grid=grid)]
+def _relaxing(
+    name: str, parameter: str, range_of: Callable[[Context], tuple[float, float]]
+) -> Callable[[Context], Sequence[Form]]:
+    """Return the form of a bias that dies away, its time constant in a range the runs allow."""
+
+    def forms(at: Context) -> Sequence[Form]:
+        if name in at.term_names:
+            return []
+        return [Form(terms=(name,), parameters=(parameter,), grid=_log_grid(*range_of(at), 8))]
+
+    return forms
 
 
-def _warm_up(at: Context) -> Sequence[Form]:
-    if "warm_up" in at.term_names:
-        return []
-    grid = _log_grid(max(90.0, at.run_s / 150.0), max(180.0, min(at.run_s / 2.0, 14400.0)), 8)
-    return [Form(terms=("warm_up",), parameters=("warm_up_tau_s",), grid=grid)]
+def _run_in_h(at: Context) -> tuple[float, float]:
+    return max(0.3, at.hours / 40.0), max(1.0, at.hours * 2.0)
+
+
+def _warm_up_s(at: Context) -> tuple[float, float]:
+    return max(90.0, at.run_s / 150.0), max(180.0, min(at.run_s / 2.0, 14400.0))
 
 
 def _turn_on(at: Context) -> Sequence[Form]:
@@ -254,14 +261,14 @@ EFFECTS: tuple[ThermalEffect, ...] = (
         name="run_in",
         sentence="Stress from assembly relaxes: the bias dies away over the campaign, {size} at "
         "its start.",
-        forms=_run_in,
+        forms=_relaxing("run_in", "run_in_tau_h", _run_in_h),
         experiment="two more runs of the same kind after a rest of a day",
         event=True,
     ),
     ThermalEffect(
         name="warm_up",
         sentence="The bias dies away after each power-on, {size} at first.",
-        forms=_warm_up,
+        forms=_relaxing("warm_up", "warm_up_tau_s", _warm_up_s),
         experiment="a power-on into a long hold at one temperature",
     ),
     ThermalEffect(

@@ -130,28 +130,31 @@ def indexer_harmonic(order: int) -> Term:
     )
 
 
-def output_asymmetry() -> Term:
-    """Return a scale factor that differs between positive and negative output."""
+def _readout(
+    name: str, symbol: str, unit: str, sentence: str, of_input: Callable[[FloatArray], FloatArray]
+) -> Term:
+    """Return a term of the readout, a function of the input."""
     return Term(
-        name="output_nonlinearity",
-        sentence="The readout's gain differs between positive and negative output.",
+        name=name,
+        sentence=sentence,
         place="input",
-        coefficients=(_coefficient("output_nonlinearity", "n1", "µg/g"),),
-        columns=memoryless(lambda r: np.abs(r["a_i_g"])),
+        coefficients=(_coefficient(name, symbol, unit),),
+        columns=memoryless(lambda r: of_input(r["a_i_g"])),
         needs=frozenset(["a_i_g"]),
     )
+
+
+def output_asymmetry() -> Term:
+    """Return a scale factor that differs between positive and negative output."""
+    sentence = "The readout's gain differs between positive and negative output."
+    return _readout("output_nonlinearity", "n1", "µg/g", sentence, np.abs)
 
 
 def output_bend() -> Term:
     """Return a gain that changes with the size of the output."""
-    return Term(
-        name="output_nonlinearity_odd",
-        sentence="The readout's gain changes with the size of its output.",
-        place="input",
-        coefficients=(_coefficient("output_nonlinearity_odd", "n2", "µg/g²"),),
-        columns=memoryless(lambda r: r["a_i_g"] * np.abs(r["a_i_g"])),
-        needs=frozenset(["a_i_g"]),
-    )
+    sentence = "The readout's gain changes with the size of its output."
+    name = "output_nonlinearity_odd"
+    return _readout(name, "n2", "µg/g²", sentence, lambda a: a * np.abs(a))
 
 
 @numba.njit(cache=True)

@@ -249,7 +249,6 @@ def _attitudes(judged: Judged, run: RigRun | NavRun) -> Iterator[tuple[slice, Fl
     true = compensate_run(run, found.sensors, values)
     for k, rows in enumerate(run.cycles):
         _, end = attitudes(
-            np.array(true.gyro[rows]), np.array(run.step_s[rows]),
-            np.array(found.nominal.c_start[k]), np.array(found.nominal.earth[k]),
-        )  # fmt: skip
+            true.gyro[rows], run.step_s[rows], found.nominal.c_start[k], found.nominal.earth[k]
+        )
         yield rows, end

@@ -7,18 +7,38 @@ them cannot be told from a random walk, and that is true.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from errormodel.arrays import FloatArray
-from errormodel.discrepancy.coloured import NoiseShape
-from errormodel.discrepancy.floor import PENALTY, NoiseFloor, Restricted, estimate_floor
-from errormodel.discrepancy.problem import Candidate, Problem, columns_of, independent
+from errormodel.discrepancy.coloured import (
+    SLOWEST_SPANS,
+    NoiseShape,
+    TimeBase,
+    drifting,
+    flicker,
+    walking,
+)
+from errormodel.discrepancy.floor import PENALTY, REACH, NoiseFloor, Restricted
+from errormodel.discrepancy.problem import (
+    Candidate,
+    Problem,
+    Signature,
+    Theta,
+    columns_of,
+    independent,
+)
 from errormodel.discrepancy.scan import Prepared, View
 
-MOST_SHAPES = 12  # of either kind, over which likelihoods are maximised
-# More points of a grid than this cannot all stand beside the noise: so many do for them.
-MANY, STAND_INS = 40, 12
+MOST_SHAPES = 12  # without an event, over which likelihoods are maximised
+MOST_BESIDE = 5  # beside each event
+# Powers of slow noise relative to the white: where events are placed, and where the noise beside
+# them is looked for (a likelihood is some 30 % wide in the power).
+POWERS_TO_PLACE = (0.3, 10.0)
+POWERS = tuple(np.geomspace(0.02, 200.0, 12).tolist())
+PEAKS = 3  # of a grid, about which is looked more closely
+BETWEEN = 7  # points tried between neighbours of a grid
 
 
 def events_of(problem: Problem) -> tuple[Candidate, ...]:
@@ -27,16 +47,107 @@ def events_of(problem: Problem) -> tuple[Candidate, ...]:
 
 
 def shapes_allowed(problem: Problem, floor: NoiseFloor) -> tuple[NoiseShape, ...]:
-    """Return the noise shapes allowed with and without effects that do not repeat."""
-    columns = [problem.saturated]
+    """Return the noise shapes that the data allow without an event, and beside each one.
+
+    An event is first put where it is likeliest over shapes of every kind: a step that is off by a
+    minute leaves so much that only a noise which hides all steps would be allowed beside it. All
+    that repeats is taken off for that, lest what is missing of it pose as an event.
+    """
+    steady = independent(problem.saturated)
+    rest = problem.residual - steady @ (steady.T @ problem.residual)
+    passing = _with_base(problem, problem.base, rest)
+    probes = _menu(problem.times, POWERS_TO_PLACE, 2)
+    columns: list[FloatArray] = [np.zeros((len(problem.times), 0))]
     for candidate in events_of(problem):
-        every = candidate.prepared()
-        count = 4 if len(every) <= MANY else STAND_INS
-        columns += [columns_of(s) for s in every[:: max(1, len(every) // count)]]
-    beside = independent(np.hstack(columns), 1e-4)
-    other = estimate_floor(problem.times, problem.residual, beside)
-    shapes = [s for f in (floor, other) for _, s in f.support[:MOST_SHAPES]]
-    return tuple(dict.fromkeys(shapes))
+        columns.append(columns_of(candidate.signature(placed(passing, probes, candidate).theta)))
+    judge = Restricted(problem.times, problem.saturated)
+    menu = tuple(dict.fromkeys((*(s for _, s in floor.support), *_menu(problem.times, POWERS, 4))))
+    beside = np.array(
+        [judge.beside(s, problem.residual, columns) - PENALTY[s.family] for s in menu]
+    )
+    kept = [s for _, s in floor.support[:MOST_SHAPES]]
+    for likelihoods in beside.T:
+        order = np.argsort(-likelihoods)[:MOST_BESIDE]
+        kept += [menu[k] for k in order.tolist() if likelihoods[k] > likelihoods.max() - REACH]
+    return tuple(dict.fromkeys(kept))
+
+
+def _menu(times: TimeBase, powers: Sequence[float], taus: int) -> tuple[NoiseShape, ...]:
+    """Return noise shapes of every kind: white, and slow parts of these powers."""
+    between = np.geomspace(5.0 * times.step_s, SLOWEST_SPANS * times.span_s, taus).tolist()
+    return (
+        NoiseShape(),
+        *(drifting(r, t) for r in powers for t in between),
+        *(walking(r, times, continued=c) for r in powers for c in (True, False)),
+        *(flicker(r, times) for r in powers),
+    )
+
+
+def _with_base(problem: Problem, base: FloatArray, residual: FloatArray) -> Problem:
+    return Problem(
+        times=problem.times,
+        residual=residual,
+        base=base,
+        candidates=problem.candidates,
+        saturated=base,
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Placed:
+    """Where an event is likeliest, and twice its log-likelihood ratio there."""
+
+    theta: Theta
+    ratio: float
+
+
+def placed(problem: Problem, shapes: Sequence[NoiseShape], candidate: Candidate) -> Placed:
+    """Return where an event is likeliest: on its grid, then about the highest peaks on it.
+
+    The grid's best may lie where a run begins, a step there being free under slow noise; the
+    likelihood of a sharp step a minute away from its instant is no peak to rely on.
+    """
+    ratios = _ratios(problem, shapes, candidate.prepared())
+    k = int(np.argmax(ratios))
+    best = Placed(theta=candidate.grid[k], ratio=float(ratios[k]))
+    about = [t for peak in _peaks(ratios) for t in _about(candidate, candidate.grid[peak])]
+    if not about:
+        return best
+    ratios = _ratios(problem, shapes, [candidate.signature(theta) for theta in about])
+    k = int(np.argmax(ratios))
+    finer = Placed(theta=about[k], ratio=float(ratios[k]))
+    return finer if finer.ratio > best.ratio else best
+
+
+def _peaks(ratios: FloatArray) -> list[int]:
+    """Return the highest points that no neighbour surpasses."""
+    padded = np.concatenate([[-np.inf], ratios, [-np.inf]])
+    tops = np.flatnonzero((ratios >= padded[:-2]) & (ratios >= padded[2:]))
+    return tops[np.argsort(-ratios[tops])][:PEAKS].tolist()
+
+
+def _ratios(
+    problem: Problem, shapes: Sequence[NoiseShape], signatures: Sequence[Signature]
+) -> FloatArray:
+    points = [fixed(s) for s in signatures]
+    return event_ratios(problem, shapes, problem.residual[:, None], points)[:, 0]
+
+
+def fixed(signature: Signature) -> Candidate:
+    """Return a candidate that is one point."""
+    return Candidate(name="", signature=lambda theta: signature)
+
+
+def _about(candidate: Candidate, theta: Theta) -> tuple[Theta, ...]:
+    """Return points between the neighbours of a point of the grid."""
+    if candidate.finer is not None:
+        return candidate.finer(theta)
+    if len(candidate.bounds) != 1:
+        return ()
+    values = sorted(t[0] for t in candidate.grid)
+    k = values.index(theta[0])
+    lo, hi = values[max(k - 1, 0)], values[min(k + 1, len(values) - 1)]
+    return tuple((v,) for v in np.geomspace(lo, hi, BETWEEN).tolist())
 
 
 def event_ratios(
@@ -61,13 +172,7 @@ def event_ratios(
     """
     events = events_of(problem) if candidates is None else tuple(candidates)
     judge = Restricted(problem.times, problem.base)
-    beside = Problem(
-        times=problem.times,
-        residual=problem.residual,
-        base=judge.mean,
-        candidates=events,
-        saturated=judge.mean,
-    )
+    beside = _with_base(problem, judge.mean, problem.residual)
     without = np.full(residuals.shape[1], -np.inf)
     with_effect = np.full((len(events), residuals.shape[1]), -np.inf)
     for shape in shapes:

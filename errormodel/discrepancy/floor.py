@@ -5,7 +5,7 @@ repeats cannot leak into the noise, and slow noise cannot pose as an effect. The
 noise alone and with one slow process (bias instability), a random walk, or flicker noise.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -66,6 +66,29 @@ class Restricted:
         sigma2 = np.maximum(rest / self.dof, np.finfo(float).tiny)
         log_det = whitener.log_det + 2.0 * float(np.sum(np.log(np.diag(factor))))
         return -0.5 * (log_det + self.dof * np.log(sigma2)), np.sqrt(sigma2)
+
+    def beside(
+        self, shape: NoiseShape, residual: FloatArray, columns: Sequence[FloatArray]
+    ) -> FloatArray:
+        """Return the log-likelihoods of a residual with more columns in the mean, one a set.
+
+        The mean is projected out once for all sets (Frisch and Waugh); how well the columns are
+        determined is left out of account, as they say the same of every shape but for a few units.
+        """
+        whitener = shape.whitener(self.times)
+        mean, data = whitener.whiten(self.mean), whitener.whiten(residual)
+        factor = linalg.cholesky(mean.T @ mean, lower=True, check_finite=False)
+        basis = linalg.solve_triangular(factor, mean.T, lower=True, check_finite=False).T
+        rest = data - basis @ (basis.T @ data)
+        log_det = whitener.log_det + 2.0 * float(np.sum(np.log(np.diag(factor))))
+        made: list[float] = []
+        for own in columns:
+            white = whitener.whiten(own)
+            white = independent(white - basis @ (basis.T @ white)) if own.shape[1] else white
+            left = float(rest @ rest) - float(np.sum((white.T @ rest) ** 2))
+            dof = max(self.dof - white.shape[1], 1)
+            made.append(-0.5 * (log_det + dof * float(np.log(left / dof))))
+        return np.array(made)
 
 
 def estimate_floor(times: TimeBase, residual: FloatArray, saturated: FloatArray) -> NoiseFloor:

@@ -129,3 +129,32 @@ def judge(
 
 def _is_event(view: View, name: str) -> bool:
     return name in view.problem.events
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Conclusion:
+    """What every search ends with, whatever was measured.
+
+    Attributes
+    ----------
+    judgement : Judgement
+    result : SearchResult
+    where : FactorFinding or None
+        The factor that carries the excess.
+    """
+
+    judgement: Judgement
+    result: SearchResult
+    where: FactorFinding | None
+
+    @property
+    def verdict(self) -> Verdict:
+        """One of named, alias, unexplained_repeatable, unexplained_noise, nothing."""
+        return self.judgement.verdict
+
+    @property
+    def alias_sets(self) -> tuple[tuple[str, ...], ...]:
+        """Effects that these data cannot tell apart."""
+        if self.verdict != "alias":
+            return ()
+        return tuple(s.alias for s in self.result.slots if len(s.alias) > 1)

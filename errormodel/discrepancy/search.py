@@ -5,7 +5,8 @@ from dataclasses import dataclass, replace
 
 from errormodel.arrays import FloatArray
 from errormodel.discrepancy.choices import Choice, Rules, SearchResult, Slot, Source
-from errormodel.discrepancy.events import event_ratios, events_of
+from errormodel.discrepancy.coloured import NoiseShape
+from errormodel.discrepancy.events import event_ratios, events_of, fixed, placed
 from errormodel.discrepancy.floor import NoiseFloor, estimate_floor
 from errormodel.discrepancy.nulls import Calibration
 from errormodel.discrepancy.problem import Candidate, Problem, Signature
@@ -50,6 +51,7 @@ class Search:
         self.rules = rules or Rules()
         self._again = again
         self._entered: dict[str, float] = {}
+        self._shapes: tuple[NoiseShape, ...] = laws.shapes
 
     def view(self, chosen: Sequence[Choice]) -> View:
         """Return the refitted problem under the present noise."""
@@ -103,18 +105,21 @@ class Search:
 
     def _with_ratios(self, view: View, ranked: list[Ranked]) -> list[Ranked]:
         """Let events count with their likelihood ratios: each beside its own noise."""
-        if not self.laws.shapes:
+        if not self._shapes:
             return ranked
-        data = view.problem.residual[:, None]
-        values = event_ratios(view.problem, self.laws.shapes, data)[:, 0].tolist()
-        ratios = dict(zip((c.name for c in events_of(view.problem)), values, strict=True))
-        made = [
-            Ranked(r.found, ratios[n] - self._luck(n), self._p_value(n, ratios[n]))
-            if (n := r.found.candidate.name) in ratios
-            else r
-            for r in ranked
-        ]
+        steady = [r for r in ranked if not r.found.candidate.event]
+        made = [*steady, *self._events(view)]
         return self._in_order(view, sorted(made, key=lambda r: -r.score))
+
+    def _events(self, view: View) -> list[Ranked]:
+        """Return the events where they are likeliest."""
+        made: list[Ranked] = []
+        for candidate in events_of(view.problem):
+            at = placed(view.problem, self._shapes, candidate)
+            name, gain = candidate.name, at.ratio
+            found = Found(candidate=candidate, theta=at.theta, gain=gain, grid_gain=gain)
+            made.append(Ranked(found, gain - self._luck(name), self._p_value(name, gain)))
+        return made
 
     def _in_order(self, view: View, ranked: list[Ranked]) -> list[Ranked]:
         """Put first what enters first: of what repeats and of events, whichever is likelier.
@@ -126,19 +131,26 @@ class Search:
         steady = next((r for r in entering if not r.found.candidate.event), None)
         event = next((r for r in entering if r.found.candidate.event), None)
         first = steady or event
-        if steady and event:
-            found = steady.found
-            signature = found.candidate.signature(found.theta)
-            alone = Candidate(name=found.candidate.name, signature=lambda theta: signature)
-            data = view.problem.residual[:, None]
-            ratio = event_ratios(view.problem, self.laws.shapes, data, [alone])[0, 0]
-            if ratio - self._luck(found.candidate.name) < event.score:
-                first = event
+        if steady and event and self._beside_own_noise(view, [steady])[0].score < event.score:
+            first = event
         return ranked if first is None else [first, *(r for r in ranked if r is not first)]
 
+    def _beside_own_noise(self, view: View, steady: Sequence[Ranked]) -> list[Ranked]:
+        """Return effects that repeat with their likelihood ratios, as events have theirs."""
+        points = [fixed(r.found.candidate.signature(r.found.theta)) for r in steady]
+        data = view.problem.residual[:, None]
+        ratios = event_ratios(view.problem, self._shapes, data, points)[:, 0].tolist()
+        return [
+            replace(r, score=ratio - self._luck(r.found.candidate.name))
+            for r, ratio in zip(steady, ratios, strict=True)
+        ]
+
     def _enters(self, one: Ranked) -> bool:
-        event = one.found.candidate.event
-        return one.p_value < (self.rules.alpha_event if event else self.rules.alpha)
+        if not one.found.candidate.event:
+            return one.p_value < self.rules.alpha
+        wandering = self.floor.shape.family in ("walk", "flicker")
+        limit = self.rules.alpha_wandering if wandering else self.rules.alpha_event
+        return one.p_value < limit
 
     def _luck(self, name: str) -> float:
         return self.laws.gains[name].mean if name in self.laws.gains else 0.0
@@ -180,6 +192,7 @@ class Search:
         if self._again is not None:
             laws = self._again(self.source.problem(chosen, self.floor.shape), self.floor)
             self.laws = replace(laws, gains={**self.laws.gains, **laws.gains})
+            self._shapes = tuple(dict.fromkeys((*self._shapes, *laws.shapes)))
 
     def _settled(self, chosen: list[Choice]) -> tuple[Slot, ...]:
         """Try every slot again beside the others; drop what no longer stands."""
@@ -206,9 +219,14 @@ class Search:
     def _slot(self, others: Sequence[Choice], present: Choice) -> Slot | None:
         view = self.view(others)
         ranked = self.ranked(view)
-        if all(c.event for c in view.problem.candidates):
-            # nothing is known to repeat: a noise estimated beside one of them favours that one
-            ranked = self._with_ratios(view, ranked)
+        if self._shapes and present.name in {c.name for c in events_of(view.problem)}:
+            # a noise estimated beside one event favours that one: each is given its own
+            steady = [r for r in ranked if not r.found.candidate.event]
+            ranked = [*self._events(view), *self._beside_own_noise(view, steady)]
+            ranked = sorted(ranked, key=lambda r: -r.score)
+            able = (r for r in ranked if r.found.candidate.event or r.p_value < self.rules.alpha)
+            first = next(able)
+            ranked = [first, *(r for r in ranked if r is not first)]
         else:
             ranked = self._with_rich(view, ranked, present)
         ranked = _simplest_first(ranked)
@@ -218,14 +236,17 @@ class Search:
         p_value = ranked[0].p_value
         if best.candidate.event:
             p_value = self._entered.get(name, self._entered.get(present.name, 1.0))
-        limit = self.rules.alpha_event if best.candidate.event else self.rules.alpha
-        if p_value >= limit or ranked[0].score < self.rules.least:
+        # beside no other effect it stands as it entered
+        alone = best.candidate.event and not others
+        if not alone and ranked[0].score < self.rules.least:
+            return None
+        if not best.candidate.event and p_value >= self.rules.alpha:
             return None
         top = max(r.score for r in ranked)
         below = [(r.found.candidate.name, top - r.score) for r in ranked]
         return Slot(
             choice=Choice(name, best.theta, rich=present.rich and name == present.name),
-            gain=best.gain,
+            gain=_gain(view, best),
             p_value=p_value,
             rivals=tuple(below[1:]),
             alias=tuple(n for n, b in below if b < self.rules.alias),
@@ -253,6 +274,12 @@ class Search:
             grid_gain=max(plain.found.grid_gain, rich.grid_gain),
         )
         return Ranked(found, plain.score + rich.gain - plain.found.gain - 2.0 * more, plain.p_value)
+
+
+def _gain(view: View, one: Found) -> float:
+    """Return the chi-square that an effect explains under the view's noise."""
+    points = view.points([one.candidate.signature(one.theta)])
+    return float(view.gains(points, view.data[:, None])[0, 0])
 
 
 # Scores this close are a tie: the effect with fewer unknowns is put first.

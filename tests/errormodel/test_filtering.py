@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from errormodel.filtering import Steps, covariance_share, run_filter, signatures
+from errormodel.filtering import Steps, run_filter
+from errormodel.gains import covariance_share, signatures
 from errormodel.kalman import initial_state
 
 N, LEAD, M, K = 9, 4, 3, 40

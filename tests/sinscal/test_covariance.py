@@ -10,7 +10,7 @@ from sinscal.covariance import RigCovariance, rig_covariance
 from sinscal.motion import rig_motion
 from sinscal.priors import make_prior
 from sinscal.programme import Programme, there_and_back
-from sinscal.rigfilter import RigNoise
+from sinscal.rigdata import RigNoise
 from sinscal.sensors import SensorModel, sensor_model
 from sinscal.simulate import SensorNoise, self_heating, simulate_rig
 from sinscal.terms import BASIC, TIME_OFFSET
