@@ -11,7 +11,6 @@ from typing import cast
 import numpy as np
 
 from errormodel.arrays import FloatArray, freeze, readonly
-from errormodel.errors import InputError
 from errormodel.filtering import run_filter
 from errormodel.gains import covariance_share
 from errormodel.kalman import State, initial_state
@@ -22,6 +21,8 @@ from sinscal.combined import (
     chamber_names,
     combined_prior,
     combined_sensors,
+    reference_name,
+    within_range,
 )
 from sinscal.contradiction import ChamberTest, compare_with_chamber
 from sinscal.earth import A_M
@@ -38,6 +39,7 @@ from sinscal.trajectory import FlightPlan
 # units: spreads between units of one type (assumed, from common data sheets).
 WIDE = {"k0": 5e-3, "k1": 2e-2, "k0_t": 50e-6, "k1_t": 300e-6}
 WIDE_FACTOR = 100.0  # of the chamber's sigma, for what is not among them
+ZERO_AND_SCALE = ("accel_bias", "accel_scale")
 THIN_ROWS = 2000  # of each cycle, for what a thermistor's offset would do
 
 Tell = Callable[[str], None]
@@ -54,7 +56,8 @@ class Combination:
     names, values, cov
         At the reference temperature, in the rig's names, SI.
     prior_pull : mapping of str to float
-        By how many of the chamber's own sigmas each of its coefficients was moved.
+        By how many of the chamber's own sigmas each of its coefficients was moved, by its name at
+        the reference temperature.
     prior_kept : mapping of str to float
         Sigma after over sigma before, of each.
     test : ChamberTest
@@ -118,21 +121,22 @@ def combine(
     InputError
         If the run has no temperatures, or the models do not fit together.
     """
-    if run.temp_c is None:
-        raise InputError(run.source, "temp_c", "missing; a combined calibration needs temperatures")
+    run = within_range(run, [c.valid_c for c in chambers])
     groups = (*groups, TIME_OFFSET) if mode == "precise" else groups
     sensors = combined_sensors(chambers, groups)
     prior = combined_prior(sensors, chambers, file=priors, turn_on=turn_on)
 
-    def solve(what: str, own: SensorModel, known: RigPrior | None) -> RigCalibration:
+    def solve(what: str, own: SensorModel, expected: RigPrior | None) -> RigCalibration:
         tell(what)
-        return calibrate(run, mode, sensors=own, prior=known, noise=noise)
+        return calibrate(run, mode, sensors=own, prior=expected, noise=noise)
 
     ended = solve("rig and chamber", sensors, prior)
     wide_cov = _wide(prior, sensors, chambers).cov
     values, cov = _rig_alone(ended, wide_cov)
-    test = compare_with_chamber(sensors, chambers, _thinned(run), values, cov, wide_cov)
-    before = solve("chamber's model beforehand", sensors, _beforehand(prior, sensors, chambers))
+    test = compare_with_chamber(sensors, chambers, _thinned(run), values, cov, wide_cov, prior.cov)
+    held = combined_sensors(chambers, groups, twice=ZERO_AND_SCALE)
+    known = combined_prior(held, chambers, file=priors, turn_on=turn_on)
+    before = solve("chamber's model beforehand", held, _held(known, held, chambers))
     own = sensor_model(groups, t_ref_c=sensors.t_ref_c, gravity_m_s2=sensors.gravity_m_s2)
     plain = solve("without temperature", own, None)
     tell("flight")
@@ -148,7 +152,7 @@ def combine(
         test=test,
         before=before,
         plain=plain,
-        flight_m=_flights(run, ended, before, plain, prior, plan or FlightPlan()),
+        flight_m=_flights(run, ended, before, plain, known, plan or FlightPlan()),
     )
 
 
@@ -178,19 +182,15 @@ def _rig_alone(ended: RigCalibration, wide_cov: FloatArray) -> tuple[FloatArray,
     return ended.nominal.values + state.x[unknown], state.cov[unknown, unknown]
 
 
-def _beforehand(
-    prior: RigPrior, sensors: SensorModel, chambers: Sequence[ChamberModel]
-) -> RigPrior:
+def _held(known: RigPrior, sensors: SensorModel, chambers: Sequence[ChamberModel]) -> RigPrior:
     """Return the prior of who applies the chamber's model beforehand and then asks the rig.
 
-    The rig's own wide priors for zero and scale errors; the rest of the chamber's is left as it is.
+    The chamber's model is taken for exact; zero and scale errors are those that are left of it.
     """
-    cov = prior.cov.copy()
-    for name in chamber_names(sensors, chambers):
-        i = sensors.names.index(name)
-        cov[i, :], cov[:, i] = 0.0, 0.0
-        cov[i, i] = WIDE.get(name.rpartition("_")[0], 0.0) ** 2
-    return replace(prior, cov=cov)
+    at = [sensors.names.index(n) for n in chamber_names(sensors, chambers)]
+    cov = known.cov.copy()
+    cov[at, :], cov[:, at] = 0.0, 0.0
+    return replace(known, cov=cov)
 
 
 def _thinned(run: RigRun) -> list[Motion]:
@@ -214,8 +214,9 @@ def _pulls(
         i = sensors.names.index(name)
         sigma = float(np.sqrt(prior.cov[i, i]))
         if sigma > 0.0:
-            pull[name] = (ended.value(name) - float(prior.values[i])) / sigma
-            kept[name] = ended.sigma(name) / sigma
+            told = reference_name(name)
+            pull[told] = (ended.value(name) - float(prior.values[i])) / sigma
+            kept[told] = ended.sigma(name) / sigma
     return pull, kept
 
 
@@ -224,23 +225,27 @@ def _flights(
     ended: RigCalibration,
     before: RigCalibration,
     plain: RigCalibration,
-    prior: RigPrior,
+    known: RigPrior,
     plan: FlightPlan,
 ) -> dict[str, float]:
     """Return ρ at the end of a flight for the three calibrations.
 
     What the plain one leaves is taken from the combined one: how the two differ over the flight.
+    The sensors are those of the calibration beforehand, which have all unknowns of the others.
     """
-    sensors, count = ended.sensors, len(ended.sensors.names)
+    sensors, count = before.sensors, len(before.sensors.names)
+    at = [sensors.names.index(n) for n in ended.sensors.names]
+    values = np.zeros(count)
+    values[at] = ended.values[: len(at)]
     warm = _warming(run)
 
     def columns(motion: Motion) -> FloatArray:
         warmed = replace(motion, temp_c=warm(motion.time_s - motion.time_s[0]))
         out = np.zeros((len(motion), 6, count + 1))
-        block = sensors.columns(warmed, ended.values[:count])
+        block = sensors.columns(warmed, values)
         for j in range(block.shape[1]):
             out[:, sensors.owner[j], j] = block[:, j]
-        total = sensors.errors(warmed, ended.values[:count])
+        total = sensors.errors(warmed, values)
         by_plain = plain.sensors.errors(warmed, plain.values[: len(plain.sensors.names)])
         out[:, :, count] = total - by_plain
         return out
@@ -256,15 +261,16 @@ def _flights(
         return float(np.sqrt(np.trace(own @ cov @ own.T) + more @ more))
 
     zero = np.zeros(2)
-    combined = ended.cov[:count, :count]
+    combined = np.zeros((count, count))
+    combined[np.ix_(at, at)] = ended.cov[: len(at), : len(at)]
     return {
         "no_thermal": rho(combined, left),
-        "before": rho(_true_cov(before, prior), zero),
+        "before": rho(_true_cov(before, known), zero),
         "combined": rho(combined, zero),
     }
 
 
-def _true_cov(before: RigCalibration, prior: RigPrior) -> FloatArray:
+def _true_cov(before: RigCalibration, known: RigPrior) -> FloatArray:
     """Return the covariance of a calibration that took the chamber's model for exact.
 
     Its gains are what they are; the chamber's own covariance is sent through them.
@@ -276,7 +282,7 @@ def _true_cov(before: RigCalibration, prior: RigPrior) -> FloatArray:
     unknown = layout.unknowns
     fixed = np.flatnonzero(np.diag(start.cov)[unknown] == 0.0)
     at = fixed + unknown.start
-    cov[np.ix_(at, at)] = prior.cov[np.ix_(fixed, fixed)]
+    cov[np.ix_(at, at)] = known.cov[np.ix_(fixed, fixed)]
     share = covariance_share(before.steps, gains, cov, before.steps.r, before.steps.q)
     return share[unknown, unknown]
 

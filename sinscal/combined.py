@@ -6,7 +6,7 @@ filter, with the chamber's full covariance as prior: rig and chamber correct eac
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from errormodel.errors import InputError
 from errormodel.model import ErrorModel
 from errormodel.terms import in_unit, renamed
 from sinscal.priors import PriorFile, RigPrior, make_prior
-from sinscal.run import AXES
+from sinscal.run import AXES, RigRun
 from sinscal.sensors import SensorModel, sensor_model
 from sinscal.terms import CHANNELS, terms_of
 
@@ -70,7 +70,12 @@ class ChamberModel:
         )
 
 
-def combined_sensors(chambers: Sequence[ChamberModel], groups: Sequence[str]) -> SensorModel:
+def combined_sensors(
+    chambers: Sequence[ChamberModel],
+    groups: Sequence[str],
+    *,
+    twice: Sequence[str] = (),
+) -> SensorModel:
     """Return the sensors of a SINS with its accelerometers' chamber models.
 
     Parameters
@@ -80,6 +85,9 @@ def combined_sensors(chambers: Sequence[ChamberModel], groups: Sequence[str]) ->
     groups : sequence of str
         What the SINS adds (`sinscal.terms.GROUPS`); what stands for bias, scale factor and their
         temperature in an accelerometer is the chamber's and left out.
+    twice : sequence of str
+        Of these the groups that stay all the same: errors that are left of a chamber's model
+        which is held.
 
     Raises
     ------
@@ -89,7 +97,7 @@ def combined_sensors(chambers: Sequence[ChamberModel], groups: Sequence[str]) ->
     _check(chambers)
     first = chambers[0]
     sensors = sensor_model(groups, t_ref_c=first.t_ref_c, gravity_m_s2=first.gravity_m_s2)
-    more = [g for g in groups if g not in CHAMBERS_OWN]
+    more = [g for g in groups if g not in CHAMBERS_OWN or g in twice]
     for axis, chamber in enumerate(chambers):
         own = tuple(renamed(t, f"_{AXES[axis]}") for t in chamber.without_mounting().model.terms)
         added = (in_unit(t, chamber.gravity_m_s2) for t in terms_of(CHANNELS[3 + axis], more))
@@ -157,6 +165,15 @@ def chamber_names(sensors: SensorModel, chambers: Sequence[ChamberModel]) -> tup
     return tuple(n for n in sensors.names if n in own)
 
 
+def reference_name(name: str) -> str:
+    """Return an unknown's name in a calibration at the reference temperature: see `at_reference`.
+
+    It is another one for an accelerometer's k0 and k1 alone.
+    """
+    stem, _, axis = name.rpartition("_")
+    return {"k0": f"accel_bias_{axis}", "k1": f"accel_scale_{axis}"}.get(stem, name)
+
+
 def at_reference(
     names: Sequence[str], values: FloatArray, cov: FloatArray, gravity_m_s2: float
 ) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
@@ -176,29 +193,69 @@ def at_reference(
     -------
     names, values, cov
     """
-    out_names: list[str] = []
-    out_values: list[float] = []
-    rows: list[FloatArray] = []
-    unit = np.eye(len(names))
+    out, jacobian = values.copy(), np.eye(len(names))
     index = {n: i for i, n in enumerate(names)}
-    for name in names:
+    for i, name in enumerate(names):
         stem, _, axis = name.rpartition("_")
-        i = index[name]
         if stem == "k1":
-            out_names.append(f"accel_scale_{axis}")
-            out_values.append(values[i] - 1.0)
-            rows.append(unit[i])
+            out[i] = values[i] - 1.0
         elif stem == "k0":
-            k1 = values[index[f"k1_{axis}"]] if f"k1_{axis}" in index else 1.0
-            out_names.append(f"accel_bias_{axis}")
-            out_values.append(gravity_m_s2 * k1 * values[i])
-            row = gravity_m_s2 * k1 * unit[i]
-            if f"k1_{axis}" in index:
-                row = row + gravity_m_s2 * values[i] * unit[index[f"k1_{axis}"]]
-            rows.append(row)
-        else:
-            out_names.append(name)
-            out_values.append(values[i])
-            rows.append(unit[i])
-    jacobian = np.array(rows)
-    return tuple(out_names), np.array(out_values), jacobian @ cov @ jacobian.T
+            j = index.get(f"k1_{axis}")
+            k1 = 1.0 if j is None else values[j]
+            out[i] = gravity_m_s2 * k1 * values[i]
+            jacobian[i, i] = gravity_m_s2 * k1
+            if j is not None:
+                jacobian[i, j] = gravity_m_s2 * values[i]
+    return tuple(map(reference_name, names)), out, jacobian @ cov @ jacobian.T
+
+
+def from_reference(
+    names: Sequence[str], at_ref: Mapping[str, float], gravity_m_s2: float
+) -> FloatArray:
+    """Return the unknowns named from their values at the reference temperature.
+
+    The inverse of `at_reference`, for values.
+    """
+    out = np.array([at_ref[reference_name(n)] for n in names])
+    index = {n: i for i, n in enumerate(names)}
+    for name, i in index.items():
+        stem, _, axis = name.rpartition("_")
+        if stem == "k1":
+            out[i] += 1.0
+        elif stem == "k0":
+            out[i] /= gravity_m_s2 * (1.0 + at_ref.get(f"accel_scale_{axis}", 0.0))
+    return out
+
+
+def within_range(run: RigRun, valid_c: Sequence[tuple[float, float]]) -> RigRun:
+    """Return a run with temperatures no further than the accelerometers' models are valid.
+
+    Parameters
+    ----------
+    run : RigRun
+        With temperatures.
+    valid_c : sequence of three pairs of float
+        Of the accelerometers x, y, z.
+
+    Returns
+    -------
+    RigRun
+        With a warning for each accelerometer that was outside.
+
+    Raises
+    ------
+    InputError
+        If the run has no temperatures.
+    """
+    if run.temp_c is None:
+        raise InputError(run.source, "temp_c", "missing; the accelerometers' models need it")
+    low, high = np.array(valid_c).T
+    inside = np.clip(run.temp_c, low, high)
+    beyond = np.max(np.abs(np.asarray(run.temp_c) - inside), axis=0).tolist()
+    told = [
+        f"outside_range: accelerometer {axis}'s temperature is up to {far:.1f} °C outside the "
+        f"range of its model, {lo:.0f} to {hi:.0f} °C; the end of it was taken"
+        for axis, far, (lo, hi) in zip(AXES, beyond, valid_c, strict=True)
+        if far > 0.0
+    ]
+    return replace(run, temp_c=inside, warnings=(*run.warnings, *told))

@@ -70,6 +70,7 @@ def compare_with_chamber(
     values: FloatArray,
     cov: FloatArray,
     wide_cov: FloatArray,
+    known_cov: FloatArray,
 ) -> ChamberTest:
     """Compare a wide estimate with the chamber's models it was centred on.
 
@@ -84,6 +85,8 @@ def compare_with_chamber(
         The wide estimate's, in the order of `sensors.names`.
     wide_cov : ndarray, shape (p, p)
         Its prior covariance.
+    known_cov : ndarray, shape (p, p)
+        The chamber's covariance, with what may have changed since.
 
     Returns
     -------
@@ -92,7 +95,7 @@ def compare_with_chamber(
     names = chamber_names(sensors, chambers)
     at = np.array([sensors.names.index(n) for n in names])
     prior = np.concatenate([c.without_mounting().values for c in chambers])
-    chamber_cov = _block_cov(chambers)
+    chamber_cov = known_cov[np.ix_(at, at)]
     after, before = cov[np.ix_(at, at)], wide_cov[np.ix_(at, at)]
     passed = np.eye(at.size) - after @ np.linalg.inv(before)
     total = passed @ chamber_cov @ passed.T + passed @ after
@@ -108,16 +111,6 @@ def compare_with_chamber(
     if p_value < FALSE_ALARM:
         told = _explained(sensors, chambers, motions, values, comparison, prior, found, dof)
     return ChamberTest(chi2=found, dof=dof, p_value=p_value, contradictions=told)
-
-
-def _block_cov(chambers: Sequence[ChamberModel]) -> FloatArray:
-    covs = [c.without_mounting().cov for c in chambers]
-    out = np.zeros((sum(len(c) for c in covs),) * 2)
-    first = 0
-    for c in covs:
-        out[first : first + len(c), first : first + len(c)] = c
-        first += len(c)
-    return out
 
 
 def _whitener(total: FloatArray, after: FloatArray, wide: FloatArray) -> FloatArray:
@@ -160,12 +153,13 @@ def _best_exchange(
 ) -> tuple[float, str]:
     best = (np.inf, "")
     parts = [c.without_mounting() for c in chambers]
+    mine = [dict(zip(p.model.names, p.values.tolist(), strict=True)) for p in parts]
     for order in permutations(range(3)):
-        if order == (0, 1, 2) or any(
-            parts[k].model.names != parts[order[k]].model.names for k in range(3)
-        ):
+        if order == (0, 1, 2):
             continue
-        change = np.concatenate([parts[k].values for k in order]) - prior
+        # what the other's model does not have is zero in it; what only it has is left out
+        there = [mine[order[k]].get(n, 0.0) for k in range(3) for n in parts[k].model.names]
+        change = np.array(there) - prior
         value = comparison.chi2(change)
         if value < best[0]:
             moved = [k for k in range(3) if order[k] != k]

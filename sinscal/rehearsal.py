@@ -6,6 +6,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from errormodel.errors import InputError
+from sinscal.combined import (
+    CHAMBERS_OWN,
+    ChamberModel,
+    chamber_names,
+    combined_prior,
+    combined_sensors,
+)
 from sinscal.motion import rig_motion
 from sinscal.priors import PriorFile, group_of, make_prior
 from sinscal.rigfile import RigFile
@@ -17,11 +24,12 @@ from sinscal.terms import BASIC, GROUPS
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Rehearsal:
-    """A simulated run and what is true of it: `values` by name, SI; `units` of each."""
+    """A simulated run and what is true of it: `values` by name; `units` and model of `sensors`."""
 
     run: RigRun
     values: Mapping[str, float]
     units: Mapping[str, str]
+    sensors: SensorModel
 
 
 def sensors_with(groups: Sequence[str], file: RigFile, *, angle: bool) -> SensorModel:
@@ -79,6 +87,7 @@ def rehearse(
     *,
     seed: int,
     source: str = "the programme",
+    accelerometers: Sequence[ChamberModel] = (),
 ) -> Rehearsal:
     """Simulate the run that a file describes.
 
@@ -90,6 +99,8 @@ def rehearse(
     seed : int
     source : str
         Where the values came from, for complaints.
+    accelerometers : sequence of three ChamberModel, optional
+        The true ones on x, y, z, over temperature; by default ideal ones with the errors given.
 
     Raises
     ------
@@ -98,13 +109,16 @@ def rehearse(
     """
     angle = file.recording.angle
     sensors = sensors_with(groups_of(values, source), file, angle=angle)
+    if accelerometers:
+        sensors, values = _mounted(sensors, values, accelerometers, file, source)
     if unknown := [name for name in values if name not in sensors.names]:
         raise InputError(source, unknown[0], "is no error of a sensor or an angle")
     try:
         true = rig_motion(file, file.recording.rate_hz, file.faults.faults)
     except ValueError as err:
         raise InputError(source, "cycles", str(err)) from None
-    sensors = replace(sensors, gravity_m_s2=true.site.gravity_m_s2)
+    if not accelerometers:
+        sensors = replace(sensors, gravity_m_s2=true.site.gravity_m_s2)
     run = simulate_rig(
         true,
         sensors,
@@ -121,4 +135,24 @@ def rehearse(
         azimuth_rad=None if known is None else run.facts.azimuth_rad,
         azimuth_sigma_rad=known if known is not None else run.facts.azimuth_sigma_rad,
     )
-    return Rehearsal(run=replace(run, facts=facts), values=dict(values), units=sensors.units)
+    return Rehearsal(
+        run=replace(run, facts=facts), values=dict(values), units=sensors.units, sensors=sensors
+    )
+
+
+def _mounted(
+    sensors: SensorModel,
+    values: Mapping[str, float],
+    accelerometers: Sequence[ChamberModel],
+    file: RigFile,
+    source: str,
+) -> tuple[SensorModel, Mapping[str, float]]:
+    """Return the sensors with the accelerometers' own models, and all true values."""
+    if file.temperature is None:
+        raise InputError(source, "temperature", "missing; accelerometers of a chamber need it")
+    groups = tuple(dict.fromkeys(group_of(n) for n in sensors.names))
+    mounted = combined_sensors(accelerometers, groups)
+    true = combined_prior(mounted, accelerometers).values
+    own = chamber_names(mounted, accelerometers)
+    kept = {n: v for n, v in values.items() if group_of(n) not in CHAMBERS_OWN}
+    return mounted, kept | {n: float(true[mounted.names.index(n)]) for n in own}

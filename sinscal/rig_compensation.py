@@ -25,8 +25,7 @@ def compensate_run(run: RigRun, sensors: SensorModel, values: FloatArray) -> Rig
     InputError
         If the model needs temperatures that the run does not have.
     """
-    needs_temperature = any("temperature" in name for name in sensors.names)
-    if needs_temperature and run.temp_c is None:
+    if sensors.needs_temperature and run.temp_c is None:
         raise InputError(run.source, "temp_c", "missing; the calibration depends on temperature")
     gyro, accel = np.empty_like(run.gyro), np.empty_like(run.accel)
     for rows in run.cycles:

@@ -24,6 +24,7 @@ from sinscal.terms import ANGLE, BASIC, CHANNELS, TIME_OFFSET, ChannelId, Maker,
 T_REF_C = 25.0
 # A chamber's terms see temperature smoothed as in the chamber; a rig's temperature is smooth.
 RATE_WINDOW_S = 120.0
+TEMPERATURES = frozenset(["x_c", "x_slow_c", "rate_c_per_min"])
 # What is not linear is 1e-3 of the motion at most: each step of the inverse leaves less of it.
 INVERSE_STEPS = 6
 LEFT = 1e-12  # m/s² of what is measured, where the inverse ends
@@ -126,6 +127,11 @@ class SensorModel:
             for c in self.channels
             for u in (*c.model.coefficients, *c.model.parameters)
         }
+
+    @property
+    def needs_temperature(self) -> bool:
+        """Whether some channel's errors depend on its temperature."""
+        return any(c.model.needs & TEMPERATURES for c in self.channels)
 
     def start_values(self) -> FloatArray:
         """Return the unknowns of ideal sensors, shape (p,)."""

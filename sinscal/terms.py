@@ -164,20 +164,28 @@ def _lever_arm(c: ChannelId) -> Term:
     return _term(f"lever_arm_{c.letter}", sentence, parts)
 
 
+def _warm(term: Term) -> Term:
+    return replace(term, needs=frozenset(["x_c"]))
+
+
 def _temperature_bias(c: ChannelId) -> Term:
     gyro = c.kind == "gyro"
     name = f"gyro_temperature_drift_{c.letter}" if gyro else f"accel_temperature_bias_{c.letter}"
     unit = "rad/s/°C" if gyro else "m/s²/°C"
     symbol = f"{'ν' if gyro else 'Δf'}T{c.letter}"
     sentence = "The constant error changes with temperature."
-    return _term(name, sentence, [(name, symbol, unit, _signal("x_c"))])
+    return _warm(_term(name, sentence, [(name, symbol, unit, _signal("x_c"))]))
 
 
 def _temperature_scale(c: ChannelId) -> Term:
     name = f"accel_temperature_scale_{c.letter}"
     own = _own(c)
     sentence = "The scale factor changes with temperature."
-    return _term(name, sentence, [(name, f"ΓT{c.letter}", "1/°C", lambda r: r["x_c"] * r[own])])
+
+    def warmed(record: Record) -> FloatArray:
+        return record["x_c"] * record[own]
+
+    return _warm(_term(name, sentence, [(name, f"ΓT{c.letter}", "1/°C", warmed)]))
 
 
 def _time_offset(c: ChannelId) -> Term:

@@ -1,23 +1,36 @@
 """`accelbench combine`: a SINS calibrated on the rig with its accelerometers' chamber models."""
 
-import json
+from collections.abc import Sequence
 from pathlib import Path
 
 import click
 import numpy as np
 
 from errormodel.atomic import write_files
+from sinscal.combine import Combination
 from sinscal.combine import combine as combine_run
 from sinscal.combined import ChamberModel
-from sinscal.judged import judge
+from sinscal.judged import Judged, judge
 from sinscal.noise_estimate import noise_of_run
 from sinscal.priors import read_priors
 from sinscal.recording import read_rig_run
-from sinscal.terms import BASIC, GROUPS
-from thermo.modelfile import AccelerometerModel, ModelFile, read_model, reporting_factors
-from workbench.combine_output import combined_document, combined_text
+from sinscal.resultfile import dump_result
+from sinscal.run import RigRun
+from sinscal.terms import BASIC
+from thermo.modelfile import ModelFile, read_model
+from workbench.chamber_models import chamber_model, three_serials
+from workbench.combine_output import combined_text
+from workbench.combined_file import CombinedResult, make_combined
 from workbench.console import emit, show_warnings_at_once
-from workbench.outputs import checked_output, force_option, json_option, with_sidecars
+from workbench.outputs import (
+    REPORT_NAME,
+    check_report_folder,
+    checked_output,
+    force_option,
+    json_option,
+    with_sidecars,
+)
+from workbench.rig_options import asked_groups
 
 FAILED = 1
 
@@ -39,6 +52,7 @@ FAILED = 1
 @click.option("--turn-on-ppm", type=click.FloatRange(min=0.0), default=0.0,
               help="Sigma by which K1 may have changed since the chamber, ppm.")  # fmt: skip
 @click.option("--out", type=Path, help="RESULT.json to write: the compensation file for flight.")
+@click.option("--report", type=Path, help="Folder for the report and its figures.")
 @force_option
 @json_option
 def combine(
@@ -51,6 +65,7 @@ def combine(
     turn_on_ug: float,
     turn_on_ppm: float,
     out: Path | None,
+    report: Path | None,
     force: bool,
     as_json: bool,
 ) -> int:
@@ -59,10 +74,12 @@ def combine(
     Exit code 1 when rig and chamber contradict each other or the iteration does not come to rest.
     In Python: sinscal.combine.combine.
     """
+    if report is not None:
+        check_report_folder(report, force=force)
     if out is not None:
         inputs = [thermal, *with_sidecars([rig]), *([priors] if priors else [])]
         checked_output(out, inputs, force=force)
-    asked = _groups(groups)
+    asked = [g for g in asked_groups(groups) if g not in BASIC]
     chambers = _chambers(read_model(thermal), accelerometers)
     known = read_priors(priors) if priors else None
     run = read_rig_run(rig)
@@ -86,51 +103,39 @@ def combine(
         noise_known=not noise.estimated,
         warnings=noise.warnings,
     )
-    document = combined_document(made, judged, run, chambers)
-    text = list(combined_text(document))
+    result = make_combined(made, judged, run, chambers)
+    document, text = result.model_dump(mode="json"), list(combined_text(result))
+    written: list[tuple[Path, bytes]] = []
     if out is not None:
-        content = json.dumps(document, ensure_ascii=False, indent=1) + "\n"
-        write_files([(out, content.encode())])
+        written.append((out, dump_result(result).encode()))
         document["out"] = str(out)
         text.append(f"result file: {out}")
+    if report is not None:
+        written += _report_files(made, judged, run, chambers, result, report)
+        document["report"] = str(report / REPORT_NAME)
+        text.append(f"report: {report / REPORT_NAME}")
+    write_files(written)
     emit(document, text, as_json=as_json)
     failed = bool(made.test.contradictions) or not made.calibration.converged
     return FAILED if failed else 0
 
 
-def _groups(asked: tuple[str, ...]) -> tuple[str, ...]:
-    names = tuple(n.strip() for one in asked for n in one.split(",") if n.strip())
-    for name in names:
-        if name not in GROUPS:
-            raise click.UsageError(f"--groups {name}: expected one of {', '.join(GROUPS)}")
-    return tuple(dict.fromkeys(n for n in names if n not in BASIC))
+def _report_files(
+    made: Combination,
+    judged: Judged,
+    run: RigRun,
+    chambers: Sequence[ChamberModel],
+    result: CombinedResult,
+    folder: Path,
+) -> list[tuple[Path, bytes]]:
+    from workbench.combine_report import render_combined  # matplotlib takes its second
+
+    pages = render_combined(made, judged, run, chambers, result)
+    return [(folder / name, content) for name, content in pages.items()]
 
 
 def _chambers(model: ModelFile, asked: str | None) -> list[ChamberModel]:
     """Return the chamber models of x, y, z."""
-    serials = (
-        [s.strip() for s in asked.split(",")] if asked else [a.serial for a in model.accelerometers]
-    )
-    if len(serials) != 3 or len(set(serials)) != 3:
-        raise click.UsageError(
-            f"--accelerometers: {len(serials)} serial numbers ({', '.join(serials)}), "
-            "expected three different ones, of x, y, z"
-        )
+    names = asked or ",".join(a.serial for a in model.accelerometers)
+    serials = three_serials(names)
     return [chamber_model(model.of(serial)) for serial in serials]
-
-
-def chamber_model(one: AccelerometerModel) -> ChamberModel:
-    """Return a fitted model as the rig takes it: in the model's own units."""
-    model = one.error_model()
-    factors = reporting_factors(model, one.nominal_scale)
-    scale = np.array([factors[n] for n in model.names])
-    values = one.values()
-    return ChamberModel(
-        serial=one.serial,
-        model=model,
-        values=np.array([values[n] for n in model.names]),
-        cov=np.array(one.covariance) / np.outer(scale, scale),
-        gravity_m_s2=one.gravity_m_s2,
-        t_ref_c=one.t_ref_c,
-        valid_c=one.valid_c,
-    )

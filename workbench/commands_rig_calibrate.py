@@ -1,20 +1,22 @@
 """`accelbench rig calibrate` and `rig compensate`: a SINS's errors found, and taken out."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import click
 
 from errormodel.atomic import write_files
 from errormodel.errors import InputError
+from sinscal.combined import within_range
 from sinscal.earth import ARCSEC, DEG_PER_H
 from sinscal.judged import Judged, Options, calibrate_and_judge, judge_navigation
 from sinscal.priors import read_priors
 from sinscal.recording import compensated_with, read_nav_run, read_rig_run, write_rig_run
-from sinscal.resultfile import RigResult, dump_result, make_result, read_result
+from sinscal.resultfile import RigResult, dump_result, make_result
 from sinscal.rig_compensation import compensate_run
 from sinscal.run import NavRun, RigRun
 from sinscal.run_join import join_runs
-from sinscal.terms import GROUPS
+from workbench.combined_file import CombinedResult, read_calibration
 from workbench.console import emit, show_warnings_at_once
 from workbench.outputs import (
     REPORT_NAME,
@@ -26,6 +28,7 @@ from workbench.outputs import (
     with_sidecars,
 )
 from workbench.rig_calibrate_output import calibration_document, calibration_text
+from workbench.rig_options import asked_groups
 
 FAILED = 1
 NAVIGATION = "navigation"
@@ -92,7 +95,7 @@ def calibrate(
         check_report_folder(report, force=force)
     options = Options(
         mode="precise" if mode == "precise" else "coarse",
-        groups=_groups(groups),
+        groups=asked_groups(groups),
         priors=read_priors(priors) if priors else None,
         interval_s=interval_s,
         gate=gate,
@@ -118,16 +121,6 @@ def calibrate(
     write_files(written)
     emit(document, text, as_json=as_json)
     return 0 if judged.passed else FAILED
-
-
-def _groups(asked: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the groups asked for; a comma separates as well."""
-    names = tuple(n.strip() for one in asked for n in one.split(",") if n.strip())
-    for name in names:
-        if name not in GROUPS:
-            known = ", ".join(GROUPS)
-            raise click.UsageError(f"--groups {name}: expected one of {known}")
-    return names
 
 
 def _calibrated(
@@ -160,7 +153,9 @@ def _report_files(
 
 @click.command()
 @click.argument("file", type=Path, metavar="DATA.csv")
-@click.option("--calibration", type=Path, required=True, help="RESULT.json of rig calibrate.")
+@click.option(
+    "--calibration", type=Path, required=True, help="RESULT.json of rig calibrate or combine."
+)
 @click.option("--out", type=Path, required=True, help="The compensated run to write.")
 @force_option
 @json_option
@@ -171,13 +166,13 @@ def compensate(file: Path, calibration: Path, out: Path, force: bool, as_json: b
     refused. In Python: sinscal.rig_compensation.compensate_run.
     """
     checked_run_output(out, [*with_sidecars([file]), calibration], force=force)
-    result = read_result(calibration)
+    result = read_calibration(calibration)
     if not result.converged:
         raise InputError(calibration, "converged", "false: these values are not to be used")
     run = read_rig_run(file, physics=False)
     if (before := compensated_with(file)) is not None:
         raise InputError(file, "", f"is compensated already, with {before}")
-    done = compensate_run(run, result.sensors, result.values)
+    done = _compensated(run, result)
     write_rig_run(done, out, compensated_with=result.result_id)
     flagged = int((~(done.flag == 0)).sum()) if done.flag is not None else 0
     document = {
@@ -189,3 +184,11 @@ def compensate(file: Path, calibration: Path, out: Path, force: bool, as_json: b
     }
     text = f"{out}: {len(done)} rows compensated with {result.result_id}, {flagged} of them flagged"
     emit(document, [text], as_json=as_json)
+
+
+def _compensated(run: RigRun, result: RigResult | CombinedResult) -> RigRun:
+    """Return the run compensated; its temperatures stay as measured."""
+    if isinstance(result, RigResult):
+        return compensate_run(run, result.sensors, result.values)
+    done = compensate_run(within_range(run, result.valid_c), result.sensors, result.values)
+    return replace(done, temp_c=run.temp_c)

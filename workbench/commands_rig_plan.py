@@ -19,6 +19,8 @@ from sinscal.programme import article_programme
 from sinscal.recording import write_rig_run
 from sinscal.rehearsal import Rehearsal, drawn_errors, groups_of, rehearse, sensors_with
 from sinscal.rigfile import RecordingTable, RigFile, TemperatureTable, read_rig_file
+from workbench.chamber_models import emulated_chamber, three_serials
+from workbench.combined_file import told_truth
 from workbench.console import emit
 from workbench.outputs import (
     REPORT_NAME,
@@ -59,6 +61,9 @@ groups_option = click.option(
 @click.option("--angle/--no-angle", default=None, help="Whether the rig's angle is recorded.")
 @click.option("--rate-hz", type=click.FloatRange(min=1, max=1000), help="Rows a second.")
 @click.option("--increments/--rates", default=None, help="What is written of the sensors.")
+@click.option("--accelerometers", metavar="SX,SY,SZ",
+              help="Serial numbers of emulated accelerometers on x, y, z.",
+              )  # fmt: skip
 @click.option("--self-heating", is_flag=True, help="The SINS warms itself by 30 °C, τ 1500 s.")
 @groups_option
 @priors_option
@@ -73,6 +78,7 @@ def simulate(
     angle: bool | None,
     rate_hz: float | None,
     increments: bool | None,
+    accelerometers: str | None,
     self_heating: bool,
     groups: str | None,
     priors: Path | None,
@@ -98,15 +104,17 @@ def simulate(
     else:
         values = dict(file.errors)
     source = str(given or programme)
-    made = rehearse(file, values, seed=seed, source=source)
+    mounted = three_serials(accelerometers) if accelerometers else []
+    chambers = [emulated_chamber(serial) for serial in mounted]
+    made = rehearse(file, values, seed=seed, source=source, accelerometers=chambers)
     document = _simulated(made, file, seed, out)
     write_rig_run(made.run, out, increments=file.recording.increments)
     if truth is not None:
         content = json.dumps(document, ensure_ascii=False, indent=2, allow_nan=False) + "\n"
         write_files([(truth, content.encode())])
     text = (
-        f"{out}: {document['cycles']} cycles, {document['rows']} rows of {len(values)} errors at "
-        f"{file.recording.rate_hz:g} Hz, seed {seed}"
+        f"{out}: {document['cycles']} cycles, {document['rows']} rows of {len(made.values)} "
+        f"errors at {file.recording.rate_hz:g} Hz, seed {seed}"
     )
     emit(document, [text, *([f"errors: {truth}"] if truth else [])], as_json=as_json)
 
@@ -120,9 +128,7 @@ def _simulated(made: Rehearsal, file: RigFile, seed: int, out: Path) -> dict[str
         "duration_s": float(np.sum(made.run.step_s)),
         "rate_hz": file.recording.rate_hz,
         "seed": seed,
-        "parameters": {
-            name: {"value": value, "unit": made.units[name]} for name, value in made.values.items()
-        },
+        "parameters": told_truth(made),
     }
 
 

@@ -10,7 +10,7 @@ from sinscal.attitude import angles_from_c_nb
 from sinscal.calibrate import RigCalibration
 from sinscal.integrate import attitudes
 from sinscal.judged import Judged
-from sinscal.resultfile import RigResult
+from sinscal.resultfile import ResultContent
 from sinscal.rig_compensation import compensate_run
 from sinscal.run import AXES, NavRun, RigRun
 from workbench.plotting import (
@@ -34,7 +34,9 @@ GAP_S = 30.0  # drawn between cycles
 EVERY_STEPS = 60  # of the filter between two entries of its sigmas
 
 
-def calibration_pictures(judged: Judged, run: RigRun | NavRun, result: RigResult) -> list[Picture]:
+def calibration_pictures(
+    judged: Judged, run: RigRun | NavRun, result: ResultContent
+) -> list[Picture]:
     """Draw all pictures of a calibration."""
     return [
         draw_estimates(result),
@@ -45,7 +47,7 @@ def calibration_pictures(judged: Judged, run: RigRun | NavRun, result: RigResult
     ]
 
 
-def draw_estimates(result: RigResult) -> Picture:
+def draw_estimates(result: ResultContent) -> Picture:
     """Draw each group's estimates with their sigmas, and what was expected beforehand."""
     groups: dict[str, list[str]] = {}
     for name in result.names:
@@ -64,8 +66,8 @@ def draw_estimates(result: RigResult) -> Picture:
     return picture(figure, "estimates.png", caption)
 
 
-def _draw_group(axes: Any, group: str, names: list[str], result: RigResult) -> None:
-    unit, size = TOLD_IN[group]
+def _draw_group(axes: Any, group: str, names: list[str], result: ResultContent) -> None:
+    unit, size = TOLD_IN.get(group, (result.parameters[names[0]].unit, 1.0))
     for k, name in enumerate(names):
         one, prior = result.parameters[name], result.prior[name]
         lo, hi = ((prior.mean + s * prior.sigma) / size for s in (-1.0, 1.0))

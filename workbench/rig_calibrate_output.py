@@ -8,7 +8,8 @@ from rich.console import RenderableType
 
 from sinscal.earth import ARCMIN, DEG_PER_H
 from sinscal.priors import group_of
-from sinscal.resultfile import MOUNT, RigResult
+from sinscal.resultcontent import MOUNT
+from sinscal.resultfile import ResultContent
 from workbench.console import number, table
 from workbench.fit_output import value_and_sigma
 
@@ -46,16 +47,21 @@ TESTS = {
 
 
 def told_group(name: str) -> str:
-    """Return the group of a parameter, the mounting's included."""
-    return "rig_mount" if name.startswith(MOUNT) else group_of(name)
+    """Return the group of a parameter, the mounting's and the chamber's coefficients' included."""
+    if name.startswith(MOUNT):
+        return "rig_mount"
+    try:
+        return group_of(name)
+    except KeyError:  # a chamber's coefficient, by axis
+        return name.rpartition("_")[0]
 
 
-def calibration_document(result: RigResult) -> dict[str, Any]:
+def calibration_document(result: ResultContent) -> dict[str, Any]:
     """Return what `rig calibrate --json` writes: the result file's content."""
     return result.model_dump(mode="json")
 
 
-def verdict(result: RigResult) -> str:
+def verdict(result: ResultContent) -> str:
     """Say in a line whether the calibration can be trusted."""
     tests: Mapping[str, bool | None] = result.consistency["tests"]
     failed = [TESTS[name] for name, ok in tests.items() if ok is False]
@@ -66,7 +72,7 @@ def verdict(result: RigResult) -> str:
     return f"failed: not so: {'; '.join(failed)}"
 
 
-def sentences(result: RigResult) -> Iterator[str]:
+def sentences(result: ResultContent) -> Iterator[str]:
     """Tell the verdict and what it rests on, a sentence a line."""
     c = result.consistency
     yield verdict(result)
@@ -108,7 +114,7 @@ def sentences(result: RigResult) -> Iterator[str]:
     yield from refused_lines(result)
 
 
-def refused_lines(result: RigResult) -> Iterator[str]:
+def refused_lines(result: ResultContent) -> Iterator[str]:
     """Tell the measurements that the gate refused."""
     n, listed = result.refused["n"], result.refused["measurements"]
     if not n:
@@ -124,7 +130,7 @@ def refused_lines(result: RigResult) -> Iterator[str]:
         yield f"  and {n - SHOWN} more"
 
 
-def observability_lines(result: RigResult) -> Iterator[str]:
+def observability_lines(result: ResultContent) -> Iterator[str]:
     """Tell what the data do not show."""
     o = result.observability
     values = o["singular_values"]
@@ -146,7 +152,7 @@ def observability_lines(result: RigResult) -> Iterator[str]:
 COLUMNS = ("parameter", "unit", "value ± 1 σ", "prior σ", "σ / prior")
 
 
-def parameter_rows(result: RigResult) -> Iterator[tuple[str, ...]]:
+def parameter_rows(result: ResultContent) -> Iterator[tuple[str, ...]]:
     """Yield a row for each parameter, in the unit people tell it in."""
     for name, one in result.parameters.items():
         unit, size = TOLD_IN.get(told_group(name), (one.unit, 1.0))
@@ -156,7 +162,7 @@ def parameter_rows(result: RigResult) -> Iterator[tuple[str, ...]]:
         yield name, unit, value, number(prior / size, 3), ratio
 
 
-def calibration_text(result: RigResult) -> Iterator[RenderableType]:
+def calibration_text(result: ResultContent) -> Iterator[RenderableType]:
     """Tell a calibration in words and a table."""
     made = table(*COLUMNS, right=COLUMNS[2:])
     for row in parameter_rows(result):

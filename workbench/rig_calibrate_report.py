@@ -1,7 +1,7 @@
 """The report of a rig calibration: one HTML file and its pictures."""
 
 from sinscal.judged import Judged
-from sinscal.resultfile import RigResult
+from sinscal.resultfile import ResultContent
 from sinscal.run import NavRun, RigRun
 from workbench.console import number
 from workbench.figures_rig_calibrate import calibration_pictures
@@ -16,7 +16,9 @@ from workbench.rig_calibrate_output import (
 )
 
 
-def render_calibration(judged: Judged, run: RigRun | NavRun, result: RigResult) -> dict[str, bytes]:
+def render_calibration(
+    judged: Judged, run: RigRun | NavRun, result: ResultContent
+) -> dict[str, bytes]:
     """Return the report's files by name, without writing any.
 
     Parameters
@@ -24,19 +26,29 @@ def render_calibration(judged: Judged, run: RigRun | NavRun, result: RigResult) 
     judged : Judged
     run : RigRun or NavRun
         What was calibrated with.
-    result : RigResult
+    result : ResultContent
         Made of both.
     """
-    estimates, *others = calibration_pictures(judged, run, result)
-    sections = (
+    estimates = ReportTable(title="", columns=COLUMNS, rows=tuple(parameter_rows(result)))
+    title = f"Rig calibration, {result.mode}, of {result.run.source}"
+    sections = calibration_sections(judged, run, result, estimates)
+    return render_page(Page(title=title, sections=sections), REPORT_NAME)
+
+
+def calibration_sections(
+    judged: Judged, run: RigRun | NavRun, result: ResultContent, estimates: ReportTable
+) -> tuple[Section, ...]:
+    """Return the sections of a calibration's report; `estimates` is the table of parameters."""
+    drawn, *others = calibration_pictures(judged, run, result)
+    return (
         Section(title="Verdict", lines=(verdict(result),), points=tuple(sentences(result))[1:]),
         _warnings(result),
         Section(
             title="Estimates",
             lines=("Measured = true + error; all parameters are errors of the sensors.",),
-            table=ReportTable(title="", columns=COLUMNS, rows=tuple(parameter_rows(result))),
+            table=estimates,
             words=(0, 1),
-            pictures=(estimates,),
+            pictures=(drawn,),
         ),
         Section(title="What the data show", points=tuple(observability_lines(result))),
         Section(title="Pictures", pictures=tuple(others)),
@@ -47,17 +59,15 @@ def render_calibration(judged: Judged, run: RigRun | NavRun, result: RigResult) 
             points=(result.formula, result.signs, result.axes, result.units, result.gauge),
         ),
     )
-    page = Page(title=f"Rig calibration, {result.mode}, of {result.run.source}", sections=sections)
-    return render_page(page, REPORT_NAME)
 
 
-def _warnings(result: RigResult) -> Section:
+def _warnings(result: ResultContent) -> Section:
     if not result.warnings:
         return Section(title="Warnings", lines=("None.",))
     return Section(title="Warnings", points=result.warnings)
 
 
-def _refused(result: RigResult) -> Section:
+def _refused(result: ResultContent) -> Section:
     listed = result.refused["measurements"]
     rows = tuple(
         (str(r["cycle"]), r["channel"], f"{r['time_s']:.1f}", f"{r['sigmas']:+.1f}") for r in listed
@@ -73,7 +83,7 @@ def _refused(result: RigResult) -> Section:
     )
 
 
-def _source(result: RigResult) -> Section:
+def _source(result: ResultContent) -> Section:
     run, noise = result.run, result.noise
     points = [
         f"{run.source}: {run.rows} rows in {run.cycles} cycle(s), SHA-256 {run.digest}",

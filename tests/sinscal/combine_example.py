@@ -1,5 +1,6 @@
 """A simulated rig run of a SINS that warms itself, and its accelerometers' chamber models."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,17 +15,18 @@ from sinscal.combined import (
     combined_prior,
     combined_sensors,
 )
-from sinscal.earth import DEG_PER_H
-from sinscal.motion import rig_motion
+from sinscal.earth import ARCSEC, DEG_PER_H
+from sinscal.motion import RigFaults, rig_motion
 from sinscal.programme import there_and_back
 from sinscal.run import RigRun
 from sinscal.sensors import Motion
 from sinscal.simulate import SensorNoise, self_heating, simulate_rig
-from sinscal.terms import BASIC
+from sinscal.terms import BASIC, TIME_OFFSET
 from thermo.recording_model import head_force_g
 from thermo.twin import emulated_accelerometer
 
-NOISE = SensorNoise(gyro=0.05 * DEG_PER_H, accel=1e-4)
+NOISE = SensorNoise(gyro=0.05 * DEG_PER_H, accel=1e-4, angle=15 * ARCSEC)
+SIGNS = (1.0, -1.0, 1.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,8 +90,19 @@ def chamber_pair(
     return model(true), model(fitted)
 
 
-def make_combined_twin(seed: int, *, cycle_s: float = 120.0, hz: float = 50.0) -> CombinedTwin:
-    """Draw accelerometers, their chamber fits, and the SINS's own errors from their priors."""
+def make_combined_twin(
+    seed: int,
+    *,
+    cycle_s: float = 120.0,
+    hz: float = 50.0,
+    angle: bool = False,
+    groups: tuple[str, ...] = (),
+    turn_on: Mapping[str, float] | None = None,
+) -> CombinedTwin:
+    """Draw accelerometers, their chamber fits, and the SINS's own errors from their priors.
+
+    `turn_on` is by what k0 and k1 of the accelerometers differ from what they were in the chamber.
+    """
     rng = np.random.default_rng(seed)
     programme = there_and_back(
         (10.0, -10.0), cycle_s, "xyz", acceleration_deg_s2=20.0, azimuth_deg=30.0
@@ -97,12 +110,25 @@ def make_combined_twin(seed: int, *, cycle_s: float = 120.0, hz: float = 50.0) -
     motion = rig_motion(programme, hz)
     pairs = [chamber_pair(f"S{seed}-{a}", rng, motion.site.gravity_m_s2) for a in "xyz"]
     true, fitted = tuple(p[0] for p in pairs), tuple(p[1] for p in pairs)
-    sensors = combined_sensors(true, BASIC)
+    own_groups = (*BASIC, *groups, *((TIME_OFFSET,) if angle else ()))
+    sensors = combined_sensors(true, own_groups)
     prior = combined_prior(sensors, true)
     own = chamber_names(sensors, true)
     drawn = np.sqrt(np.diag(prior.cov)) * rng.standard_normal(prior.values.size)
     truth = {
         n: float(prior.values[i] if n in own else drawn[i]) for i, n in enumerate(sensors.names)
     }
-    run = simulate_rig(motion, sensors, truth, NOISE, rng, warming=self_heating())
+    for stem, by in (turn_on or {}).items():
+        truth |= {
+            f"{stem}_{a}": truth[f"{stem}_{a}"] + by * s for a, s in zip("xyz", SIGNS, strict=True)
+        }
+    offset = truth.get(TIME_OFFSET, 0.0)
+    if angle:
+        faults = RigFaults(clock_offset_s=offset)
+        motion = rig_motion(programme, hz, faults)
+        truth |= {f"rig_mount_{a}": 0.0 for a in "xyz"}
+    run = simulate_rig(
+        motion, sensors, {n: truth[n] for n in sensors.names if n != TIME_OFFSET}, NOISE, rng,
+        faults=RigFaults(clock_offset_s=offset), warming=self_heating(), with_angle=angle,
+    )  # fmt: skip
     return CombinedTwin(run=run, chambers=fitted, truth=truth)

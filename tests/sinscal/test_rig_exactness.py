@@ -47,7 +47,7 @@ def exact_run(hz: float = 50.0, cycle_s: float = 300.0):
 
 @pytest.mark.parametrize("azimuth", [True, False], ids=["azimuth given", "north found"])
 def test_a_calibration_of_exact_readings_is_exact(azimuth: bool) -> None:
-    """With the azimuth given the misaligned gyros must not turn one cycle's axis in another's."""
+    """Misaligned gyros must not turn the axis of one cycle against another's, azimuth given."""
     _, run, values = exact_run()
     run = run if azimuth else replace(run, facts=replace(run.facts, azimuth_rad=None))
     found = calibrate(run)
@@ -58,7 +58,7 @@ def test_a_calibration_of_exact_readings_is_exact(azimuth: bool) -> None:
 
 
 def test_a_reversal_leaves_no_force() -> None:
-    """10 °/s turned round at 20 °/s² and 50 Hz: half steps leave 1.1e-4 m/s², means 1 %."""
+    """10 °/s turned round at 20 °/s², 50 Hz: half steps leave 1.1e-4 m/s², mean ones a percent."""
     true, run, _ = exact_run(cycle_s=60.0)
     for cycle, data in zip(true.cycles, cycle_data(run, 1.0), strict=True):
         m = cycle.motion

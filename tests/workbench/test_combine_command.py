@@ -9,8 +9,12 @@ import pytest
 from click.testing import CliRunner, Result
 
 from errormodel.errors import InputError
-from sinscal.recording import write_rig_run
-from tests.sinscal.combine_example import CombinedTwin, make_combined_twin
+from sinscal.combined import combined_sensors, within_range
+from sinscal.recording import read_rig_run, write_rig_run
+from sinscal.resultfile import ResultContent
+from sinscal.rig_compensation import compensate_run
+from sinscal.terms import BASIC
+from tests.sinscal.combine_example import NOISE, CombinedTwin, make_combined_twin
 from thermo.modelfile import (
     FORMAT,
     ModelFile,
@@ -19,7 +23,9 @@ from thermo.modelfile import (
     reported_units,
     reporting_factors,
 )
+from workbench.combined_file import read_calibration
 from workbench.commands_combine import chamber_model, combine
+from workbench.commands_rig_calibrate import compensate
 
 NOMINAL = 1.3
 
@@ -73,12 +79,13 @@ def test_combined_result_is_told_and_written(
     recorded: tuple[Path, Path, CombinedTwin], tmp_path: Path
 ) -> None:
     model, rig, twin = recorded
-    out = tmp_path / "r.json"
-    told = run("--thermal", model, "--rig", rig, "--out", out, "--json")
+    out, report = tmp_path / "r.json", tmp_path / "report"
+    told = run("--thermal", model, "--rig", rig, "--out", out, "--report", report, "--json")
     assert told.exception is None, told.output
     assert told.return_value == 0
     document = json.loads(told.stdout)
     assert "rig and chamber" in told.stderr
+    assert {*ResultContent.model_fields} < {*document}  # the keys of rig calibrate, all of them
     truth = twin.at_reference()
     for name, one in document["parameters"].items():
         if name in truth and one["unit"] in ("m/s²", "1", "rad/s", "rad"):
@@ -87,7 +94,71 @@ def test_combined_result_is_told_and_written(
     assert {*document["flight_m"]} == {"no_thermal", "before", "combined"}
     assert document["flight_m"]["combined"] < document["flight_m"]["no_thermal"]
     assert document["parameters"]["k0_t1_x"]["unit"] == "µg/°C"
+    assert {"accel_bias_x", "accel_scale_z", "k1_t1_y"} < {*document["prior_pull"]}
     assert json.loads(out.read_text(encoding="utf-8"))["result_id"] == document["result_id"]
+    page = (report / "report.html").read_text(encoding="utf-8")
+    assert "rig against chamber" in page
+    assert {"temperature.png", "models.png", "moved.png", "flight.png", "estimates.png"} < {
+        p.name for p in report.iterdir()
+    }
+
+
+def test_the_flight_file_takes_all_errors_out_at_any_temperature(
+    recorded: tuple[Path, Path, CombinedTwin], tmp_path: Path
+) -> None:
+    """Written by `combine`, applied by `rig compensate` to the run it was made of."""
+    model, rig, twin = recorded
+    out, corrected = tmp_path / "r.json", tmp_path / "corrected.csv"
+    assert run("--thermal", model, "--rig", rig, "--out", out).return_value == 0
+    told = CliRunner().invoke(
+        compensate,
+        [str(rig), "--calibration", str(out), "--out", str(corrected), "--json"],
+        standalone_mode=False,
+    )
+    assert told.exception is None, told.output
+    assert json.loads(told.stdout)["warnings"] == []
+    done = read_rig_run(corrected)
+    # within its sigmas the truth compensates alike: what is left is what the estimate is wrong by
+    sensors = combined_sensors(twin.chambers, BASIC)
+    exact = compensate_run(twin.run, sensors, np.array([twin.truth[n] for n in sensors.names]))
+    g = twin.chambers[0].gravity_m_s2
+    assert np.abs(done.accel - exact.accel).max() < 20e-6 * g  # sigmas of bias are 2 µg
+    assert np.abs(twin.run.accel - exact.accel).max() > 1000e-6 * g
+    noise = NOISE.accel * np.sqrt(50.0)
+    left = np.linalg.norm(done.accel, axis=1) - g
+    # |f| is g: with the errors gone noise alone is left, its mean known to noise / √n
+    assert abs(left.std() / noise - 1.0) < 0.02
+    assert abs(left.mean()) < 20e-6 * g
+    assert done.temp_c is not None
+    np.testing.assert_allclose(done.temp_c, twin.run.temp_c, atol=1e-5)
+
+
+def test_a_flight_file_changed_by_hand_or_of_unknown_terms_is_refused(
+    recorded: tuple[Path, Path, CombinedTwin], tmp_path: Path
+) -> None:
+    model, rig, _ = recorded
+    out = tmp_path / "r.json"
+    run("--thermal", model, "--rig", rig, "--out", out)
+    text = out.read_text(encoding="utf-8")
+    for old, new, said in (
+        ('"t_ref_c": 25.0', '"t_ref_c": 24.0', "result_id"),
+        ('"k0_t1"', '"k0_tt1"', "no term 'k0_tt1'"),
+        ('"accelbench-combined-calibration"', '"accelbench-rig-calibration"', "r.json"),
+    ):
+        out.write_text(text.replace(old, new), encoding="utf-8")
+        with pytest.raises(InputError, match=said):
+            read_calibration(out)
+
+
+def test_temperatures_beyond_the_chamber_s_are_told(
+    recorded: tuple[Path, Path, CombinedTwin],
+) -> None:
+    twin = recorded[2]
+    narrow = [replace(c, valid_c=(0.0, 26.0)) for c in twin.chambers]
+    inside = within_range(twin.run, [c.valid_c for c in narrow])
+    assert inside.temp_c is not None
+    assert inside.temp_c.max() == 26.0
+    assert [w.partition(":")[0] for w in inside.warnings] == ["outside_range"] * 3
 
 
 def test_swapped_serial_numbers_are_reported(recorded: tuple[Path, Path, CombinedTwin]) -> None:
