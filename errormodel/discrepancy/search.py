@@ -258,7 +258,7 @@ class Search:
         below = [(r.found.candidate.name, top - r.score) for r in ranked]
         return Slot(
             choice=Choice(name, best.theta, rich=present.rich and name == present.name),
-            gain=_gain(view, best),
+            gain=_gain(view, best) if best.candidate.event else best.gain,
             p_value=p_value,
             rivals=tuple(below[1:]),
             alias=tuple(n for n, b in below if b < self.rules.alias),
