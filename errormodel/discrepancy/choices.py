@@ -21,9 +21,6 @@ class Rules:
     alpha, alpha_event : float
         False-alarm rates of the effects that repeat and of the events, each as a whole, for one
         to enter.
-    alpha_wandering : float
-        That of events where the noise beside the present model is a random walk or flicker: it may
-        be the event that makes it so, and such noise is granted more false alarms (5 %, not 2 %).
     least : float
         What an effect must explain beyond luck beside the others, to keep its name.
     further : float
@@ -48,7 +45,6 @@ class Rules:
 
     alpha: float = 0.002
     alpha_event: float = 0.008
-    alpha_wandering: float = 0.02
     least: float = 10.0
     further: float = 30.0
     alpha_rest: float = 0.002

@@ -156,11 +156,8 @@ class Search:
         ]
 
     def _enters(self, one: Ranked) -> bool:
-        if not one.found.candidate.event:
-            return one.p_value < self.rules.alpha
-        wandering = self.floor.shape.family in ("walk", "flicker")
-        limit = self.rules.alpha_wandering if wandering else self.rules.alpha_event
-        return one.p_value < limit
+        event = one.found.candidate.event
+        return one.p_value < (self.rules.alpha_event if event else self.rules.alpha)
 
     def _luck(self, name: str) -> float:
         return self.laws.gains[name].mean if name in self.laws.gains else 0.0
