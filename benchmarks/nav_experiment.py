@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from sinscal.experiment import Experiment, navigation_experiment
-from sinscal.navigation import position_errors
+from sinscal.nav_outputs import position_errors
 from workbench.plotting import dress, legend_below, new_figure, picture
 
 PICTURE = Path(__file__).parents[1] / "docs/pictures/nav-experiment.png"

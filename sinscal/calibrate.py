@@ -13,15 +13,13 @@ from sinscal.layout import RigLayout
 from sinscal.north import KnownNorth, judge_north
 from sinscal.priors import RigPrior, make_prior
 from sinscal.rigdata import Nominal, RigNoise, cycle_data
-from sinscal.rigpass import Pass, RigFilter
+from sinscal.rigpass import STEP_SIGMAS, Pass, RigFilter
 from sinscal.run import RigFacts, RigRun
 from sinscal.sensors import SensorModel, sensor_model
 from sinscal.terms import BASIC, TIME_OFFSET
 
 Mode = Literal["coarse", "precise"]
 INTERVAL_S = 1.0
-# Iteration ends when no unknown moves by more than this share of its sigma.
-STEP_SIGMAS = 0.02
 # Refused beyond so many sigmas: of 10⁴ good scalar innovations one in 10⁵ runs loses one.
 GATE_SIGMAS = 7.0
 

@@ -17,7 +17,7 @@ from sinscal.consistency import (
     refused_of,
     rows_of_rig,
 )
-from sinscal.holdout import Held, HoldOut, cycles_held, hold_out, shift_test
+from sinscal.holdout import Held, HoldOut, cycles_held, hold_out, shift_test, without_cycle
 from sinscal.navigation import NavCalibration, calibrate_navigation
 from sinscal.noise_estimate import NoiseFound, noise_of_run, refined
 from sinscal.observability import Observability, observability
@@ -158,9 +158,7 @@ def judge_navigation(run: NavRun, options: Options, tell: Tell = lambda _: None)
     held: list[HoldOut] = []
     for cycle in cycles_held(options.hold_out, len(run.cycles), run.source):
         tell(f"without cycle {cycle + 1}")
-        part = run.take_cycles([k for k in range(len(run.cycles)) if k != cycle])
-        others = calibrate_navigation(part, sensors=sensors, prior=prior, noise=found.noise)
-        shift = shift_test(found.values, found.cov, others.values, others.cov)
+        shift = shift_test(found.values, found.cov, *without_cycle(found, cycle))
         held.append(HoldOut(cycle=cycle, shift=shift))
     return judge(found, [0] * len(run.cycles), held)
 
@@ -222,10 +220,8 @@ def judge(
     """
     if isinstance(found, RigCalibration):
         rows = rows_of_rig(found.steps.h.shape[1])
-        states, converged = found.layout.names, found.converged
     else:
-        rows = rows_of_navigation(found)
-        states, converged = found.states, True
+        rows = Rows(names=found.layout.integrals, white=found.judged)
     p = len(found.sensors.names)
     nis, channels, bounded = judge_innovations(
         normalised_rows(found.filtered), found.cycle_of_step, rows
@@ -237,9 +233,9 @@ def judge(
         held_out=tuple(held),
         prior=shift_test(found.values[:p], found.cov[:p, :p], found.prior.values, found.prior.cov),
         noise_known=noise_known,
-        converged=converged,
+        converged=found.converged,
     )
-    own = [states.index(name) for name in found.names]
+    own = [found.layout.names.index(name) for name in found.names]
     return Judged(
         found=found,
         rows=rows,
@@ -249,13 +245,6 @@ def judge(
         flagged=tuple(flagged),
         warnings=(*found.warnings, *warnings, *_contradictions(found, consistency)),
     )
-
-
-def rows_of_navigation(found: NavCalibration) -> Rows:
-    """Return the rows of the filter of navigation outputs."""
-    axes = "enu" if found.free_height else "en"
-    names = tuple(f"{what}_{a}" for what in ("velocity", "position") for a in axes)
-    return Rows(names=names, white=found.judged)
 
 
 def _contradictions(found: Calibration, consistency: Consistency) -> list[str]:

@@ -26,6 +26,8 @@ class RigLayout:
         and the mounting are unknowns.
     remount : bool
         Whether the mounting differs from cycle to cycle (also: axes that are not orthogonal).
+    integrals : tuple of str
+        What moves beside the attitude because it is integrated: outputs of a navigator.
     """
 
     cycles: int
@@ -34,6 +36,7 @@ class RigLayout:
     wander: bool = False
     angle: bool = False
     remount: bool = False
+    integrals: tuple[str, ...] = ()
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -42,6 +45,7 @@ class RigLayout:
         moving = [f"attitude_{a}" for a in ENU]
         if self.drift:
             moving += [f"{kind}_drift_{a}" for kind in ("gyro", "accel") for a in XYZ]
+        moving += self.integrals
         constant = [f"start_{k}_{a}" for k in numbers for a in ENU]
         if self.wander:
             constant += [f"earth_rate_{k}_{a}" for k in numbers for a in ENU[:2]]
@@ -55,7 +59,7 @@ class RigLayout:
     @property
     def moving(self) -> int:
         """How many states move."""
-        return 9 if self.drift else 3
+        return 3 + 6 * self.drift + len(self.integrals)
 
     @property
     def size(self) -> int:

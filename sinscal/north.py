@@ -56,9 +56,7 @@ def judge_north(
         If the gyros found no north and none is given.
     """
     pairs = list(zip(nominal.c_start, cycles, strict=True))
-    found = np.array(
-        [azimuth_of(c @ mean_axis(cycle)) for c, cycle in pairs]
-    )
+    found = np.array([azimuth_of(c @ mean_axis(cycle)) for c, cycle in pairs])
     known = KnownNorth(nominal=nominal, facts=facts, azimuth_rad=found, sigma_rad=sigma_rad)
     given = facts.azimuth_rad
     if given is not None and facts.axis_of_cycle is None:

@@ -84,7 +84,7 @@ def result_content(judged: Judged, run: RigRun | NavRun, told: Estimates) -> dic
             "latitude_deg": float(np.rad2deg(site.lat_rad)),
             "height_m": site.height_m,
         },
-        "iterations": found.iterations if isinstance(found, RigCalibration) else None,
+        "iterations": found.iterations,
         "converged": judged.consistency.converged,
         "north": _north(found),
         "consistency": consistency_document(judged.consistency),

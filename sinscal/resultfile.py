@@ -99,7 +99,7 @@ class ResultContent(_Part):
     gauge: str = GAUGE
     noise: dict[str, float | None]
     run: RunFacts
-    iterations: int | None
+    iterations: int
     converged: bool
     north: tuple[dict[str, float], ...] = ()
     consistency: dict[str, Any]

@@ -91,7 +91,7 @@ def make_steps(
         followed = _follow(cycle, sensors, nominal, layout, k)
         columns = sensor_columns(sensors, followed.true, nominal.values, drift=layout.drift)
         found = sum_columns(followed.middle, followed.true.step_s, cycle.good, columns, cycle.first)
-        steps = _force_steps(found, layout, noise, nominal.earth[k], gravity_m_s2, k)
+        steps = force_steps(found, layout, noise, nominal.earth[k], gravity_m_s2, k)
         if layout.angle:
             steps = _with_angle(steps, followed, found, sensors, layout, noise)
         steps = replace(steps, z=_measured(followed, nominal, layout, gravity_m_s2))
@@ -192,7 +192,7 @@ def _by_unknown(layout: RigLayout, found: Intervals) -> tuple[slice, slice]:
     return gyro, slice(gyro.stop, gyro.stop + n_accel)
 
 
-def _force_steps(
+def force_steps(
     found: Intervals,
     layout: RigLayout,
     noise: RigNoise,
@@ -200,6 +200,10 @@ def _force_steps(
     gravity_m_s2: float,
     k: int,
 ) -> Steps:
+    """Return a cycle's steps with derivatives of the force and the attitude, nothing measured yet.
+
+    The rows of the force are those of its mean over an interval, in local axes.
+    """
     steps = _empty(found.length_s.size, layout)
     h, r, phi, q = steps.h, steps.r, steps.phi, steps.q
     lever = gravity_m_s2 * skew(np.array([0.0, 0.0, 1.0]))

@@ -1,6 +1,6 @@
 """One pass of the rig filter over all cycles, repeated until the nominal no longer moves."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,6 +18,8 @@ from sinscal.run import RigFacts
 from sinscal.sensors import SensorModel
 
 MAX_ITERATIONS = 15
+# Iteration ends when no unknown moves by more than this share of its sigma.
+STEP_SIGMAS = 0.02
 # North is sought only until nothing moves by more than this: the next filter goes on from there.
 ROUGHLY_SIGMAS = 0.3
 # Once the nominal moves by less, the derivatives stay: after three sigmas attitudes and sensors are
@@ -49,6 +51,58 @@ def spread_of(filtered: Filtered) -> float:
     seen = np.isfinite(filtered.innovation)
     size = np.abs(filtered.innovation[seen]) / np.sqrt(filtered.variance[seen])
     return float(np.median(size)) / 0.6745
+
+
+def iterated(
+    nominal: Nominal,
+    layout: RigLayout,
+    steps_about: Callable[[Nominal, Steps | None], Steps],
+    start_about: Callable[[Nominal], State],
+    gate: float,
+    enough: float,
+) -> Pass:
+    """Filter, improve the nominal, and again, until nothing moves by `enough` sigmas.
+
+    Derivatives are those of the first nominal from which little moves: a chord, not a tangent.
+
+    Parameters
+    ----------
+    nominal : Nominal
+        To begin with.
+    layout : RigLayout
+    steps_about : callable
+        Gives the filter's steps about a nominal, with the derivatives of other steps if there are
+        some.
+    start_about : callable
+        Gives what the filter starts from, about a nominal.
+    gate : float
+        Closed when the nominal is good: innovations beyond so many sigmas are refused.
+    enough : float
+    """
+    steps = steps_about(nominal, None)
+    count, limit = 0, np.inf
+    while True:
+        start = start_about(nominal)
+        filtered = run_filter(start, steps, gate=limit)
+        moved = _moved(filtered.state, layout)
+        converged = moved < enough and limit == gate
+        if converged or count >= MAX_ITERATIONS:
+            return Pass(
+                nominal=nominal,
+                start=start,
+                steps=steps,
+                filtered=filtered,
+                iterations=count,
+                converged=converged,
+            )
+        count += 1
+        if moved >= enough:
+            nominal = nominal.improved(filtered.state.x, layout)
+            steps = steps_about(nominal, steps if moved < CHORD_SIGMAS else None)
+        if moved < enough or limit < np.inf:
+            # the gate closes as far as what is left of outliers and of the linearisation allows
+            limit = gate * max(1.0, 0.8 * spread_of(filtered))
+            limit = gate if limit < 1.05 * gate else limit
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -114,36 +168,16 @@ class RigFilter:
         )
 
     def iterate(self, nominal: Nominal, layout: RigLayout, gate: float, enough: float) -> Pass:
-        """Filter, improve the nominal, and again, until nothing moves by `enough` sigmas.
-
-        Derivatives are those of the first nominal from which little moves: a chord, not a tangent.
-        """
+        """Filter, improve the nominal, and again, until nothing moves by `enough` sigmas."""
         anchor = nominal
-        steps = self.steps(nominal, layout)
-        count, limit = 0, np.inf
-        while True:
-            start = self.start(nominal, anchor, layout)
-            filtered = run_filter(start, steps, gate=limit)
-            moved = _moved(filtered.state, layout)
-            converged = moved < enough and limit == gate
-            if converged or count >= MAX_ITERATIONS:
-                return Pass(
-                    nominal=nominal,
-                    start=start,
-                    steps=steps,
-                    filtered=filtered,
-                    iterations=count,
-                    converged=converged,
-                )
-            count += 1
-            if moved >= enough:
-                nominal = nominal.improved(filtered.state.x, layout)
-                chord = steps if moved < CHORD_SIGMAS else None
-                steps = self.steps(nominal, layout, chord)
-            if moved < enough or limit < np.inf:
-                # the gate closes as far as what is left of outliers and of the linearisation allows
-                limit = gate * max(1.0, 0.8 * spread_of(filtered))
-                limit = gate if limit < 1.05 * gate else limit
+        return iterated(
+            nominal,
+            layout,
+            lambda now, chord: self.steps(now, layout, chord),
+            lambda now: self.start(now, anchor, layout),
+            gate,
+            enough,
+        )
 
     def steps(self, nominal: Nominal, layout: RigLayout, chord: Steps | None = None) -> Steps:
         """Return the steps about a nominal, with the derivatives of `chord` if there is one."""

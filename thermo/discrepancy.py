@@ -30,7 +30,7 @@ from thermo.experiments import Experiment, propose
 from thermo.fitting import TermsFile
 from thermo.inputs import Channel, channel_of
 from thermo.recording import RecordedRuns
-from thermo.selection import equation, separable_names
+from thermo.selection import equation, mounted, separable_names
 
 DRAWS = 300
 # A slow part larger than this many times the white noise of a reading is no instrument's drift.
@@ -104,6 +104,7 @@ def find_discrepancy(
     rules: Rules | None = None,
     draws: int = DRAWS,
     seed: int = 1,
+    workers: int = 1,
     tell: Tell | None = None,
 ) -> tuple[Discrepancy, ...]:
     """Find and name what is missing from the model of each accelerometer in recorded runs.
@@ -121,6 +122,8 @@ def find_discrepancy(
         Simulated nulls that calibrate every statistic.
     seed : int
         Of the draws.
+    workers : int
+        Threads that simulate them; the verdict does not depend on it.
     tell : callable, optional
         Takes a line of progress.
 
@@ -142,9 +145,9 @@ def find_discrepancy(
         if len(channel.record) < LEAST_READINGS:
             problem = f"{len(channel.record)} readings, at least {LEAST_READINGS} expected"
             raise InputError(runs.source, f"serial {serial}", problem)
-        baseline = given.model() or default_baseline(channel)
+        baseline = mounted(given.model() or default_baseline(channel), channel)
         source = ThermalSource(channel, baseline, effects)
-        work = _Work(source, given.t_ref_c, rules or Rules(), draws, seed, say)
+        work = _Work(source, given.t_ref_c, rules or Rules(), draws, seed, workers, say)
         made.append(work.run())
     return tuple(made)
 
@@ -157,12 +160,19 @@ class _Work:
     """The steps for one accelerometer."""
 
     def __init__(
-        self, source: ThermalSource, t_ref_c: float, rules: Rules, draws: int, seed: int, say: Tell
+        self,
+        source: ThermalSource,
+        t_ref_c: float,
+        rules: Rules,
+        draws: int,
+        seed: int,
+        workers: int,
+        say: Tell,
     ) -> None:
         self.source, self.t_ref_c = source, t_ref_c
         # one run does not carry a second name
         self.rules = rules if source.seen.runs > 1 else replace(rules, most=1)
-        self.draws, self.seed, self.say = draws, seed, say
+        self.draws, self.seed, self.workers, self.say = draws, seed, workers, say
 
     def run(self) -> Discrepancy:
         """Go through all of it."""
@@ -181,7 +191,7 @@ class _Work:
 
     def _calibrated(self, problem: Problem, floor: NoiseFloor) -> Calibration:
         rng = np.random.default_rng(self.seed)
-        return calibrate(problem, floor, draws=self.draws, rng=rng)
+        return calibrate(problem, floor, draws=self.draws, rng=rng, workers=self.workers)
 
     def _conclude(self, search: Search, foresight: Foresight, result: SearchResult) -> Discrepancy:
         source, laws, floor = self.source, search.laws, result.floor

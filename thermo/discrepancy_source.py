@@ -2,13 +2,21 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from errormodel.arrays import FloatArray
 from errormodel.discrepancy.choices import Choice
 from errormodel.discrepancy.coloured import NoiseShape
-from errormodel.discrepancy.problem import Candidate, Problem, Signature, Theta, independent
+from errormodel.discrepancy.problem import (
+    Candidate,
+    Factor,
+    Problem,
+    Signature,
+    Theta,
+    independent,
+)
 from errormodel.fit import derivative
 from errormodel.model import ErrorModel
 from errormodel.record import Record
@@ -48,12 +56,19 @@ class ThermalSource:
         self.effects = tuple(effects)
         self.blocks: Blocks = blocks_of(channel)
         self.seen = Seen(channel, self.blocks)
-        self.factors = factors_of(self.seen)
-        self._repeating = saturated_columns(self.seen)
         self._context = self._make_context()
         self._cached: dict[tuple[tuple[Choice, ...], NoiseShape], Problem] = {}
         self._fits: dict[tuple[tuple[Choice, ...], NoiseShape], Fitted] = {}
         self._reps: FloatArray | None = None
+
+    @cached_property
+    def factors(self) -> tuple[Factor, ...]:
+        """What the residual may follow."""
+        return factors_of(self.seen)
+
+    @cached_property
+    def _repeating(self) -> FloatArray:
+        return saturated_columns(self.seen)
 
     def _make_context(self) -> Context:
         elapsed = self.channel.record["elapsed_h"][self.blocks.starts]
@@ -157,6 +172,17 @@ class ThermalSource:
         if key not in self._cached:
             self._cached[key] = self._problem(chosen, shape)
         return self._cached[key]
+
+    def outline(self, shape: NoiseShape) -> Problem:
+        """Return the problem of the present model without what the noise is estimated beside."""
+        fitted = self.fitted((), shape)
+        return Problem(
+            times=self.blocks.times,
+            residual=fitted.residual,
+            base=fitted.jacobian,
+            candidates=_Candidates(self, fitted).of(self.effects),
+            saturated=np.zeros((fitted.residual.size, 0)),
+        )
 
     def _problem(self, chosen: Sequence[Choice], shape: NoiseShape) -> Problem:
         fitted = self.fitted(chosen, shape)

@@ -18,7 +18,22 @@ from thermo.sequence import (
 )
 
 EVERY_45 = (0.0, 45.0, 90.0, 135.0, 180.0, 225.0, 270.0, 315.0)
+EVERY_15 = tuple(15.0 * k for k in range(24))
 DWELL_READINGS = 6
+# A cubed input is told from a readout's bend by positions every 15° only, and there by a seventh of
+# its strength: hence three runs. Turned on the head, an accelerometer takes its own errors along
+# and leaves the head's behind: an angle error with two periods a turn is reversed by a quarter turn
+# and in quadrature by half of that. The first is the larger change; where the runs at hand have
+# four positions only, at which that error is zero, it takes the second.
+TURNED_DEG = (45.0, 90.0)
+# A lag of τ behind a bias of slope b is −b·τ·dT/dt + b·τ²·d²T/dt² − …: a rate term in every steady
+# ramp. What differs is that b changes with temperature, which fast ramps over the whole range show
+# again and again, and the second derivative, which lives where ramps turn. A chamber and a case
+# of some 75 s each pass ω²·|H(ω)| best at reversals every 4 to 8 minutes; the longer ones
+# leave the rate, a slope over two minutes, right to 2 %.
+FAST_CYCLES = (8, 32)
+REVERSAL_C, REVERSALS = 22.0, 192
+QUICK_PERIOD_S = 2.0
 SOAK_MIN = 30.0
 # What a bench chamber does without effort, °C and °C/min.
 COLDEST_C, HOTTEST_C, SLOWEST, FASTEST = -40.0, 70.0, 0.2, 3.0
@@ -47,6 +62,14 @@ def menu(channel: Channel) -> Iterator[Item]:
         text=f"a run at {rate:g} °C/min with positions every 45° in random order",
         sequence=_sequence(channel, "45 degrees in random order", lo, up_down, 1, 0.0),
     )
+    for turned in TURNED_DEG:
+        yield Item(
+            text=f"mount the accelerometer turned by {turned:g}° on the head, and three runs at "
+            f"{rate:g} °C/min with positions every 15° in random order",
+            sequence=_sequence(
+                channel, f"turned by {turned:g} degrees", lo, up_down, 3, 1.0, turned, EVERY_15
+            ),
+        )
     two_rates = [
         *(_ramp(hi, fast), _hold(SOAK_MIN), _ramp(lo, fast), _hold(SOAK_MIN)),
         *(_ramp(hi, slow), _hold(SOAK_MIN), _ramp(lo, slow)),
@@ -65,6 +88,19 @@ def menu(channel: Channel) -> Iterator[Item]:
         text=f"a stair of four steps up and down at {fast:g} °C/min with holds of 40 min",
         sequence=_sequence(channel, "stair with holds", lo, stair, 1, 0.0),
     )
+    for count in FAST_CYCLES:
+        ramps: list[Segment] = [_ramp(to_c, FASTEST) for _ in range(count) for to_c in (hi, lo)]
+        yield Item(
+            text=f"{count} times up and down at {FASTEST:g} °C/min without a hold",
+            sequence=_sequence(channel, "fast cycles", lo, ramps, 1, 0.0),
+        )
+    for centre in (lo + 0.5 * REVERSAL_C, hi - 0.5 * REVERSAL_C):
+        yield Item(
+            text=f"{REVERSALS} reversals between {centre - 0.5 * REVERSAL_C:.0f} and "
+            f"{centre + 0.5 * REVERSAL_C:.0f} °C at {FASTEST:g} °C/min, read every "
+            f"{QUICK_PERIOD_S:g} s at one position",
+            sequence=_reversals(channel, centre),
+        )
     inner = [
         *(_ramp(middle, rate), _ramp(quarter, rate), _ramp(hi, rate), _hold(SOAK_MIN)),
         *(_ramp(middle, rate), _ramp(hi, rate), _ramp(lo, rate), _hold(SOAK_MIN)),
@@ -99,13 +135,35 @@ def _hold(minutes: float) -> Hold:
     return Hold(kind="hold", duration_min=minutes)
 
 
+def _reversals(channel: Channel, centre_c: float) -> Sequence:
+    """Return ramps that turn back again and again, read fast at one position."""
+    low, high = centre_c - 0.5 * REVERSAL_C, centre_c + 0.5 * REVERSAL_C
+    ramps: list[Segment] = [
+        _ramp(to_c, FASTEST) for _ in range(REVERSALS // 2) for to_c in (high, low)
+    ]
+    usual = _sequence(channel, "quick reversals", low, ramps, 1, 0.0, angles_deg=(0.0,))
+    sampling = Sampling(period_s=QUICK_PERIOD_S, settle_s=0.5)
+    return usual.model_copy(update={"sampling": sampling})
+
+
 def _sequence(
-    channel: Channel, name: str, lo: float, segments: list[Segment], repeats: int, rest_h: float
+    channel: Channel,
+    name: str,
+    lo: float,
+    segments: list[Segment],
+    repeats: int,
+    rest_h: float,
+    mount_deg: float = 0.0,
+    angles_deg: tuple[float, ...] = EVERY_45,
 ) -> Sequence:
     return Sequence(
         name=name,
         accelerometers=(
-            Accelerometer(serial=channel.serial, nominal_scale=abs(channel.nominal_scale)),
+            Accelerometer(
+                serial=channel.serial,
+                nominal_scale=abs(channel.nominal_scale),
+                mount_deg=mount_deg,
+            ),
         ),
         temperature=TemperatureProgramme(
             start_c=lo,
@@ -116,7 +174,7 @@ def _sequence(
             rest=Rest(),
         ),
         positions=Positions(
-            angles_deg=EVERY_45,
+            angles_deg=angles_deg,
             order="random",
             seed=1,
             readings_per_position=DWELL_READINGS,

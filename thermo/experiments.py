@@ -10,23 +10,26 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from errormodel.arrays import FloatArray
-from errormodel.discrepancy.choices import SearchResult
+from errormodel.discrepancy.choices import Choice, SearchResult
 from errormodel.discrepancy.floor import NoiseFloor
 from errormodel.discrepancy.gate import Judgement
+from errormodel.discrepancy.problem import Signature, columns_of
 from errormodel.discrepancy.scan import Prepared, View
 from errormodel.errors import InputError
 from thermo.discrepancy_source import Fitted, ThermalSource
 from thermo.experiment_menu import Item, menu
-from thermo.foresight import planned_channel
+from thermo.foresight import followed_by, planned_channel
 from thermo.inputs import Channel
 from thermo.plan import Plan, make_plan
-from thermo.sequence import Sequence
+from thermo.selection import mounted
+from thermo.sequence import Sequence, sequence_toml
 from thermo.station_emulated import default_station
 
 RIVALS = 4
 # A rival this many sigma away is told apart in all but one case in a thousand.
 CLEAR_D = 10.0
+# This many sigma away in expectation, a rival is still within an alias set in one case in twenty.
+SETTLED_D = 5.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -51,6 +54,20 @@ class Experiment:
     hours: float | None
     sequence: Sequence | None
 
+    def toml(self) -> str:
+        """Return the sequence file that `run` takes, what it is for in its head.
+
+        Raises
+        ------
+        ValueError
+            If the experiment is told in words only.
+        """
+        if self.sequence is None:
+            raise ValueError("this experiment has no sequence")
+        return "".join(f"# {line}\n" for line in self.text.split("\n")) + sequence_toml(
+            self.sequence
+        )
+
 
 def propose(
     source: ThermalSource,
@@ -74,22 +91,34 @@ def propose(
     Experiment or None
         None when nothing is open.
     """
-    experiments = _Experiments(source, floor)
     if verdict.verdict in ("named", "alias"):
         for slot in result.slots:
             if len(slot.alias) > 1:
-                found = source.fitted([slot.choice], floor.shape)
-                return experiments.separating(slot.choice.name, slot.alias, found)
+                return propose_separation(source, floor, slot.choice, slot.alias)
         if source.seen.runs == 1:
-            names = tuple(s.choice.name for s in result.slots)
             rivals = tuple(n for n, _ in result.slots[0].rivals[:RIVALS])
-            found = source.fitted([result.slots[0].choice], floor.shape)
-            made = experiments.separating(names[0], (names[0], *rivals), found)
+            made = propose_separation(source, floor, result.slots[0].choice, rivals)
             return replace(
                 made,
                 text="one run and one loop do not tell thermal history from drift: " + made.text,
             )
-    return experiments.showing(invisible) if invisible else None
+    return _Experiments(source, floor).showing(invisible) if invisible else None
+
+
+def propose_separation(
+    source: ThermalSource, floor: NoiseFloor, choice: Choice, rivals: Many[str]
+) -> Experiment:
+    """Propose what would tell one effect, at the size it has in these runs, from others.
+
+    Parameters
+    ----------
+    source : ThermalSource
+    floor : NoiseFloor
+    choice : Choice
+    rivals : sequence of str
+    """
+    found = source.fitted([choice], floor.shape)
+    return _Experiments(source, floor).separating(choice.name, (choice.name, *rivals), found)
 
 
 def _better(distance: float, plan: Plan, best: "tuple[float, Item, Plan]") -> bool:
@@ -103,6 +132,8 @@ class _Experiments:
 
     def __init__(self, source: ThermalSource, floor: NoiseFloor) -> None:
         self.source, self.floor = source, floor
+        channel = source.channel
+        self.t_ref_c = float(channel.temp_c[0] - channel.record["x_c"][0])
 
     def separating(self, name: str, alias: Many[str], found: Fitted) -> Experiment:
         """Return the shortest experiment that tells the effect from every rival.
@@ -123,6 +154,8 @@ class _Experiments:
             f"{item.text}, {plan.total_s / 3600:.0f} h; it leaves {name} {distance:.1f} sigma from "
             f"its nearest rival of {', '.join(rivals)} (these runs: {before:.1f})"
         )
+        if distance < SETTLED_D:
+            text += "; that may well not settle it, and nothing this chamber does tells more"
         return Experiment(
             text=text,
             separates=(name, *rivals),
@@ -133,15 +166,19 @@ class _Experiments:
         )
 
     def showing(self, names: Many[str]) -> Experiment | None:
-        """Return the first experiment that shows the most of effects that are invisible here."""
-        best: tuple[tuple[str, ...], Item, Plan] | None = None
+        """Return the first experiment that shows the most of effects that are invisible here.
+
+        Among those the one where they are least like any other effect.
+        """
+        best: tuple[tuple[int, float], tuple[str, ...], Item, Plan] | None = None
         for item, plan, channel in self._planned():
-            shown = tuple(n for n in names if n in self._visible(channel))
-            if best is None or len(shown) > len(best[0]):
-                best = (shown, item, plan)
-        if best is None or not best[0]:
+            apart = self._apart(channel, names)
+            rank = len(apart), round(sum(apart.values()), 2)
+            if best is None or rank > best[0]:
+                best = (rank, tuple(apart), item, plan)
+        if best is None or not best[1]:
             return self._in_words(names)
-        shown, item, plan = best
+        _, shown, item, plan = best
         return Experiment(
             text=f"{item.text}, {plan.total_s / 3600:.0f} h; it shows {', '.join(shown)}",
             separates=shown,
@@ -163,7 +200,7 @@ class _Experiments:
         )
 
     def _planned(self) -> list[tuple[Item, Plan, Channel]]:
-        """Return the menu's experiments that an emulated station takes."""
+        """Return the menu's experiments that an emulated station takes, after the runs at hand."""
         made: list[tuple[Item, Plan, Channel]] = []
         for item in menu(self.source.channel):
             try:
@@ -171,7 +208,9 @@ class _Experiments:
             except InputError:
                 continue  # outside what the station can do
             runs = [plan.run(k + 1) for k in range(plan.runs)]
-            made.append((item, plan, planned_channel(runs, 25.0)))
+            turned = item.sequence.accelerometers[0].mount_deg
+            planned = planned_channel(runs, self.t_ref_c, turned)
+            made.append((item, plan, followed_by(self.source.channel, planned)))
         return made
 
     def _simulated(self, channel: Channel, found: Fitted) -> Channel:
@@ -183,9 +222,12 @@ class _Experiments:
         return replace(channel, record=made)
 
     def _view(self, channel: Channel) -> View:
-        part = ThermalSource(channel, self.source.model, self.source.effects)
-        shape = replace(self.floor.shape, continued=False)
-        return View(part.problem((), shape), shape, self.floor.sigma)
+        part = ThermalSource(channel, mounted(self.source.model, channel), self.source.effects)
+        # the white part is that of a usual block, which may hold more readings now
+        more = part.blocks.usual / self.source.blocks.usual
+        variance = tuple(more * v for v in self.floor.shape.variance)
+        shape = replace(self.floor.shape, variance=variance, continued=False)
+        return View(part.outline(shape), shape, self.floor.sigma / float(np.sqrt(more)))
 
     def _distance(self, channel: Channel, name: str, rivals: Many[str]) -> float:
         """Return how far the nearest rival stays from an effect that was simulated."""
@@ -195,18 +237,24 @@ class _Experiments:
         nearest = max((gains[n] for n in rivals if n in gains), default=0.0)
         return float(np.sqrt(max(gains.get(name, 0.0) - nearest, 0.0)))
 
-    def _visible(self, channel: Channel) -> set[str]:
-        flat: FloatArray = np.zeros(len(channel.record))
-        record = type(channel.record)(
-            time_s=channel.record.time_s,
-            run=channel.record.run,
-            signals=channel.record.signals,
-            output=channel.record["a_i_g"] + flat,
+    def _apart(self, channel: Channel, names: Many[str]) -> dict[str, float]:
+        """Return the effects that the runs show, and what share of each no other imitates."""
+        record = channel.record
+        perfect = type(record)(
+            time_s=record.time_s, run=record.run, signals=record.signals, output=record["a_i_g"]
         )
-        view = self._view(replace(channel, record=record))
-        prepared = Prepared(view, view.problem.candidates)
-        return {
-            c.name
-            for c, points in zip(prepared.candidates, prepared.points, strict=True)
-            if any(p.basis.shape[1] or p.whole is not None for p in points)
+        view = self._view(replace(channel, record=perfect))
+        every = {
+            c.name: [Signature(columns=columns_of(s)) for s in c.prepared()]
+            for c in view.problem.candidates
         }
+        points = {name: view.points(own) for name, own in every.items()}
+        made: dict[str, float] = {}
+        for name in (n for n in names if any(p.basis.shape[1] for p in points.get(n, ()))):
+            middle = every[name][len(every[name]) // 2].columns
+            left = view.beside_base(view.white(middle))
+            length2 = np.sum(left**2, axis=0)
+            own = left[:, [int(np.argmax(length2))]]
+            gains = [view.gains(p, own).max() for n, p in points.items() if n != name]
+            made[name] = 1.0 - float(np.max(gains, initial=0.0)) / float(np.max(length2))
+        return made

@@ -9,7 +9,7 @@ from errormodel.fit import examine, expected_covariance
 from errormodel.model import ErrorModel
 from errormodel.noise import NoiseModel
 from errormodel.record import Record
-from thermo.inputs import Channel, direction_of, smooth_temperature
+from thermo.inputs import Channel, direction_of, mounting_signals, smooth_temperature
 from thermo.live import ASSUMED_NOISE
 from thermo.modelfile import reported_units, reporting_factors
 from thermo.plan import RunPlan
@@ -116,14 +116,23 @@ def _partners(
     return tuple(dict.fromkeys(groups))
 
 
-def planned_channel(runs: Sequence[RunPlan], t_ref_c: float) -> Channel:
-    """Return what an accelerometer will see, without an output; runs laid end to end."""
+def planned_channel(runs: Sequence[RunPlan], t_ref_c: float, mount_deg: float = 0.0) -> Channel:
+    """Return what an accelerometer will see, without an output; runs laid end to end.
+
+    Parameters
+    ----------
+    runs : sequence of RunPlan
+    t_ref_c : float
+        Reference temperature, °C.
+    mount_deg : float
+        How far the accelerometer is mounted turned on the head, °.
+    """
     time_s = np.concatenate([r.time_s for r in runs])
     run = np.repeat(np.arange(len(runs)), [len(r.time_s) for r in runs])
     temp_c = np.concatenate([r.temp_c for r in runs])
     position_deg = np.concatenate([r.position_deg for r in runs])
     slow_c, rate = smooth_temperature(time_s, temp_c, run)
-    force_g = head_force_g(position_deg)
+    force_g = head_force_g(position_deg + mount_deg)
     ends = np.concatenate([[0.0], np.cumsum([float(r.time_s[-1]) for r in runs])])
     return Channel(
         serial="planned",
@@ -139,6 +148,7 @@ def planned_channel(runs: Sequence[RunPlan], t_ref_c: float) -> Channel:
                 "x_slow_c": slow_c - t_ref_c,
                 "rate_c_per_min": rate,
                 "elapsed_h": (ends[run] + time_s) / 3600.0,
+                **mounting_signals(position_deg, force_g),
             },
         ),
         temp_c=temp_c,
@@ -148,4 +158,40 @@ def planned_channel(runs: Sequence[RunPlan], t_ref_c: float) -> Channel:
         output_unit="g",
         nominal_scale=1.0,
         gravity_m_s2=9.80665,
+    )
+
+
+def followed_by(first: Channel, then: Channel, pause_h: float = 24.0) -> Channel:
+    """Return an accelerometer's runs and further ones as a channel; no output.
+
+    Parameters
+    ----------
+    first, then : Channel
+    pause_h : float
+        From the end of the one to the beginning of the other.
+    """
+    one, two = first.record, then.record
+    later_h = float(one["elapsed_h"].max()) + pause_h
+    signals = {
+        name: np.concatenate([one[name], two[name] + (later_h if name == "elapsed_h" else 0.0)])
+        for name in one.signals
+        if name in two.signals
+    }
+    force_g = np.column_stack([signals[n] for n in ("a_i_g", "a_p_g", "a_o_g")])
+    signals |= mounting_signals(signals["head_deg"], force_g)
+    return Channel(
+        serial=first.serial,
+        run_ids=(*first.run_ids, *(f"next {r}" for r in then.run_ids)),
+        record=Record(
+            time_s=np.concatenate([one.time_s, two.time_s]),
+            run=np.concatenate([one.run, two.run + int(one.run[-1]) + 1]),
+            signals=signals,
+        ),
+        temp_c=np.concatenate([first.temp_c, then.temp_c]),
+        position_deg=np.concatenate([first.position_deg, then.position_deg]),
+        direction=np.concatenate([first.direction, then.direction]),
+        has_input=first.has_input,
+        output_unit=first.output_unit,
+        nominal_scale=first.nominal_scale,
+        gravity_m_s2=first.gravity_m_s2,
     )

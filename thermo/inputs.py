@@ -1,5 +1,6 @@
 """From recorded runs to what an error model sees: one accelerometer, good readings only."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -142,6 +143,7 @@ def _channel(mine: RecordedRuns, serial: str, t_ref_c: float) -> Channel:
                 "x_slow_c": slow_c - t_ref_c,
                 "rate_c_per_min": rate,
                 "elapsed_h": elapsed_h(mine, run),
+                **mounting_signals(mine.position_deg, force),
             },
             output=mine.output / mine.nominal_scale,
         ),
@@ -155,11 +157,36 @@ def _channel(mine: RecordedRuns, serial: str, t_ref_c: float) -> Channel:
     )
 
 
+def mounting_signals(position_deg: FloatArray, force_g: FloatArray) -> dict[str, FloatArray]:
+    """Return the head's angle and the number of the mounting, as signals.
+
+    Where the forces say another angle than the head's, the accelerometer is mounted turned on it;
+    mountings are counted from 0 as they come.
+
+    Parameters
+    ----------
+    position_deg : ndarray, shape (n,)
+        The head's angle, °; where it is not known, that of the forces is taken.
+    force_g : ndarray, shape (n, 3)
+        Along IA, PA, OA.
+    """
+    own = np.degrees(np.arctan2(force_g[:, 0], force_g[:, 1]))
+    head = np.where(np.isfinite(position_deg), position_deg, own)
+    turned = np.round(own - head) % 360.0
+    angles, first, which = np.unique(turned, return_index=True, return_inverse=True)
+    order = np.argsort(np.argsort(first))
+    return {
+        "head_deg": head,
+        "mounting": order[which.reshape(-1)].astype(float) * (angles.size > 1),
+    }
+
+
 def elapsed_h(mine: RecordedRuns, run: IntArray) -> FloatArray:
     """Return the hours since the first run began, shape (n,).
 
-    From the recorded starts when every run has one, otherwise with the runs laid end to end in
-    the order of the recording.
+    From the recorded starts when every run has one and none begins before another has ended (as
+    in emulated tests, whose hours pass in seconds); otherwise with the runs laid end to end in the
+    order of the recording.
 
     Parameters
     ----------
@@ -171,11 +198,18 @@ def elapsed_h(mine: RecordedRuns, run: IntArray) -> FloatArray:
     ids = [mine.run.at(int(np.argmax(run == k))) for k in range(int(run[-1]) + 1)]
     known = [mine.run_start_utc.get(name) for name in ids]
     starts = [t.timestamp() for t in known if t is not None]
-    if len(starts) < len(ids):
-        ends = [float(mine.time_s[run == k].max()) for k in range(len(ids))]
+    ends = [float(mine.time_s[run == k].max()) for k in range(len(ids))]
+    if len(starts) < len(ids) or _overlapping(starts, ends):
         starts = np.concatenate([[0.0], np.cumsum(ends)[:-1]]).tolist()
     begun = np.array(starts) - min(starts)
     return (begun[run] + mine.time_s) / 3600.0
+
+
+def _overlapping(starts_s: Sequence[float], lengths_s: Sequence[float]) -> bool:
+    """Tell whether a run begins while another goes on: an accelerometer is in one at a time."""
+    order = np.argsort(starts_s)
+    begun, ended = np.array(starts_s)[order], (np.array(starts_s) + np.array(lengths_s))[order]
+    return bool(np.any(begun[1:] < ended[:-1]))
 
 
 def direction_of(rate_c_per_min: FloatArray) -> IntArray:

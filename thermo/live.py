@@ -57,12 +57,18 @@ class LiveEstimate:
     nominal_scales : mapping of str to float
         Output unit per g, by serial number.
     noise : NoiseModel
+    mount_deg : mapping of str to float, optional
+        How far accelerometers are mounted turned on the head, °.
     """
 
     def __init__(
-        self, nominal_scales: Mapping[str, float], noise: NoiseModel = ASSUMED_NOISE
+        self,
+        nominal_scales: Mapping[str, float],
+        noise: NoiseModel = ASSUMED_NOISE,
+        mount_deg: Mapping[str, float] | None = None,
     ) -> None:
         self._scales = dict(nominal_scales)
+        self._mounts = dict(mount_deg or {})
         self._fits: dict[str, RecursiveFit] = {
             s: start_recursive(noise, PRIOR, PRIOR_SIGMA) for s in self._scales
         }
@@ -106,7 +112,7 @@ class LiveEstimate:
             return
         if fit.time_s is not None and row.time_s <= fit.time_s:
             return
-        columns = live_columns(temp_c, position_deg)
+        columns = live_columns(temp_c, position_deg + self._mounts.get(row.serial, 0.0))
         self._fits[row.serial], _ = fit.step(row.time_s, columns, output / self._scales[row.serial])
         self._last_c[row.serial] = temp_c
         self._counts[row.serial] += 1

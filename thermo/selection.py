@@ -269,3 +269,9 @@ class _Folded:
 
         width = 1 + len(self.full.coefficients_in("input"))
         return [s * width + i for s in places("scale") for i in places("input")]
+
+
+def mounted(model: ErrorModel, channel: Channel) -> ErrorModel:
+    """Return the model with the angle of every mounting but the first: none repeats exactly."""
+    count = int(channel.record["mounting"].max())
+    return model.with_terms(*(term(f"remount_{k}") for k in range(1, count + 1)))

@@ -33,10 +33,15 @@ class _Section(BaseModel):
 
 
 class Accelerometer(_Section):
-    """One accelerometer under test; `nominal_scale` is in its output unit per g."""
+    """One accelerometer under test; `nominal_scale` is in its output unit per g.
+
+    `mount_deg` is how far it is mounted turned on the head: its input axis stands at the head's
+    angle plus this.
+    """
 
     serial: Serial
     nominal_scale: Annotated[float, Strict(), Field(gt=0, allow_inf_nan=False)]
+    mount_deg: Annotated[float, Strict(), Field(ge=-360, le=360, allow_inf_nan=False)] = 0.0
 
 
 class Positions(_Section):

@@ -145,6 +145,7 @@ def run_emulated(
             nominal_scales=scales,
             effects=effects,
             new_from_assembly=sequence.run_in is not None,
+            mount_deg={a.serial: a.mount_deg for a in sequence.accelerometers},
             seed=seed,
         )
         if resume is not None and sequence.run_in is not None:

@@ -105,6 +105,7 @@ def recorded_runs(store: Store, test_id: str) -> tuple[RecordedRuns, ...]:
         If there is no such test or it has no readings.
     """
     config = StationConfig.model_validate_json(store.test(test_id).station_json)
+    sequence = parse_sequence(store.test(test_id).sequence_toml, f"test {test_id}")
     return tuple(
         export_test(
             store,
@@ -114,6 +115,7 @@ def recorded_runs(store: Store, test_id: str) -> tuple[RecordedRuns, ...]:
             gravity_m_s2=config.gravity_m_s2,
             nominal_scale=group.nominal_scale,
             serials=group.serials,
+            mount_deg={a.serial: a.mount_deg for a in sequence.accelerometers},
         )
         for group in _groups(store, test_id)
     )

@@ -25,6 +25,7 @@ from errormodel.terms import (
 
 MICRO = 1e6
 MAX_RUNS = 12  # whose turn-on offsets have names
+MAX_MOUNTINGS = 5  # whose angles have names
 # Play radii of a loop of many hysterons, °C: from hardly a loop to half the widest chamber range.
 PLAY_RADII_C = (1.5, 4.0, 9.0, 18.0, 36.0)
 
@@ -113,7 +114,10 @@ def indexer_harmonic(order: int) -> Term:
     name = "indexer_harmonic" if order == 2 else f"indexer_harmonic_{order}"
 
     def columns(record: Record) -> FloatArray:
-        angle = order * np.arctan2(record["a_i_g"], record["a_p_g"])
+        own = np.arctan2(record["a_i_g"], record["a_p_g"])
+        # the error is the head's own, however the accelerometer is mounted on it
+        head_deg = record.signals.get("head_deg")
+        angle = order * (own if head_deg is None else np.deg2rad(head_deg))
         error = np.column_stack([np.sin(angle), np.cos(angle)])
         return np.round(record["a_p_g"][:, None] * error, 12)  # what is zero shall be zero
 
@@ -127,6 +131,19 @@ def indexer_harmonic(order: int) -> Term:
         ),
         columns=memoryless(columns),
         needs=frozenset(["a_i_g", "a_p_g"]),
+    )
+
+
+def remount(number: int) -> Term:
+    """Return the angle by which mounting `number` misses the first, about the output axis."""
+    return Term(
+        name=f"remount_{number}",
+        sentence="Mounted anew on the head, the accelerometer is turned by a small angle.",
+        place="input",
+        coefficients=(_coefficient(f"remount_{number}", f"m{number}", "µrad"),),
+        columns=memoryless(lambda r: r["a_p_g"] * (r["mounting"] == number)),
+        needs=frozenset(["a_p_g", "mounting"]),
+        predictive=False,
     )
 
 
@@ -270,6 +287,7 @@ EVENTS: dict[str, Callable[[], Effect]] = {
         "indexer_harmonic" if k == 2 else f"indexer_harmonic_{k}": (lambda k=k: indexer_harmonic(k))
         for k in (2, 3, 4)
     },
+    **{f"remount_{k}": (lambda k=k: remount(k)) for k in range(1, MAX_MOUNTINGS)},
     "output_nonlinearity": output_asymmetry,
     "output_nonlinearity_odd": output_bend,
     "bias_hysteresis_start": lambda: loop_start("bias_hysteresis", "input", "µg"),

@@ -35,7 +35,8 @@ ARCSEC = np.pi / 180.0 / 3600.0
 class EmulatedAccelerometer:
     """An accelerometer that is not there: its true model and its noise.
 
-    `values` are in the model's unit (g at the input); `nominal_scale` in output unit per g.
+    `values` are in the model's unit (g at the input); `nominal_scale` in output unit per g;
+    `turn_on_ug` is the sigma of what each power-on adds to the bias until the next.
     """
 
     model: ErrorModel
@@ -44,6 +45,7 @@ class EmulatedAccelerometer:
     white_ug: float = 5.0
     drift_ug: float = 3.0
     drift_tau_s: float = 3600.0
+    turn_on_ug: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -58,6 +60,7 @@ class TwinSettings:
     thermistor_noise_c: float = 0.002
     head_offset_arcsec: float = 1.0
     head_harmonic_arcsec: float = 0.2
+    remount_arcsec: float = 20.0  # sigma of the angle at which a turned mounting is missed
 
 
 def emulated_accelerometer(
@@ -151,12 +154,14 @@ class _Unit:
         self.rng = rng
         self.memory: dict[str, Memory] = {}
         self.last: tuple[float, float] | None = None  # time, temperature
-        self.drift_g = 0.0
+        self.drift_g = self.turn_on_g = 0.0
         self.restart()
 
     def restart(self) -> None:
-        """Draw a new drift, as after power-on."""
+        """Draw a new drift and a new offset, as after power-on."""
         self.drift_g = 1e-6 * self.given.drift_ug * float(self.rng.standard_normal())
+        if self.given.turn_on_ug:
+            self.turn_on_g = 1e-6 * self.given.turn_on_ug * float(self.rng.standard_normal())
 
     def relive(self, time_s: FloatArray, inside_c: FloatArray) -> None:
         """Leave the memory as this past leaves it."""
@@ -165,7 +170,9 @@ class _Unit:
         record = Record(time_s=time_s, signals={**signals, "x_c": x, "x_slow_c": x})
         _, self.memory = self.given.model.design(record, self.given.values, self.memory)
 
-    def output_g(self, now_s: float, inside_c: float, rate: float, angle_rad: float) -> float:
+    def output_g(
+        self, now_s: float, inside_c: float, rate: float, angle_rad: float, head_deg: float
+    ) -> float:
         """Return the output over the nominal scale, g, noise of the meter apart."""
         if self.last is not None and now_s <= self.last[0]:
             now_s = self.last[0] + 1e-6  # a second question at the same instant
@@ -184,6 +191,8 @@ class _Unit:
                 "x_slow_c": x,
                 "rate_c_per_min": rate * full,
                 "elapsed_h": (last_s + (now_s - last_s) * part) / 3600.0,
+                "head_deg": head_deg * full,
+                "mounting": 0.0 * full,
             },
         )
         output, self.memory = self.given.model.continue_simulation(
@@ -194,7 +203,7 @@ class _Unit:
         self.drift_g = keep * self.drift_g + 1e-6 * self.given.drift_ug * kick
         self.last = (now_s, inside_c)
         white_g = 1e-6 * self.given.white_ug * float(self.rng.standard_normal())
-        return float(output[-1]) + self.drift_g + white_g
+        return float(output[-1]) + self.drift_g + self.turn_on_g + white_g
 
 
 class Twin:
@@ -209,6 +218,8 @@ class Twin:
     settings : TwinSettings
     seed : int
         Of all noise.
+    mount_deg : mapping, optional
+        How far accelerometers are mounted turned on the head, °, by serial number.
 
     Raises
     ------
@@ -222,6 +233,7 @@ class Twin:
         accelerometers: Mapping[str, EmulatedAccelerometer],
         settings: TwinSettings | None = None,
         seed: int = 1,
+        mount_deg: Mapping[str, float] | None = None,
     ) -> None:
         missing = [i.serial for i in inputs if i.serial not in accelerometers]
         if missing:
@@ -232,6 +244,12 @@ class Twin:
         self._units = [
             _Unit(accelerometers[i.serial], np.random.default_rng(s))
             for i, s in zip(inputs, seeds[1:], strict=True)
+        ]
+        turned = [(mount_deg or {}).get(i.serial, 0.0) for i in inputs]
+        self._mount_rad = [
+            np.deg2rad(m)
+            + (ARCSEC * self._set.remount_arcsec * self._rng.standard_normal() if m else 0.0)
+            for m in turned
         ]
         self._outputs = {i.output_channel: (k, i) for k, i in enumerate(inputs)}
         self._thermistors = {i.thermistor_channel: (k, i) for k, i in enumerate(inputs)}
@@ -325,7 +343,11 @@ class Twin:
                 m = len(self._units)
                 rate = (self._state[1 + k] - self._state[1 + m + k]) / self._taus[2] * 60.0
                 output = self._units[k].output_g(
-                    now_s, self._inside(k), float(rate), self._true_angle_rad(now_s)
+                    now_s,
+                    self._inside(k),
+                    float(rate),
+                    self._true_angle_rad(now_s) + float(self._mount_rad[k]),
+                    self.head_deg(now_s),
                 )
                 volts_per_unit = wired.load_ohm / 1000.0 if wired.output_unit == "mA" else 1.0
                 return output * self._units[k].given.nominal_scale * volts_per_unit
@@ -362,6 +384,7 @@ def make_plant(
     effects: Mapping[str, Mapping[str, float]] | None = None,
     settings: TwinSettings | None = None,
     new_from_assembly: bool = False,
+    mount_deg: Mapping[str, float] | None = None,
     seed: int = 1,
 ) -> Twin:
     """Make the physics of a station file.
@@ -376,6 +399,8 @@ def make_plant(
     settings : TwinSettings, optional
     new_from_assembly : bool
         Whether the accelerometers still have the stress of their assembly (`run_in_state`).
+    mount_deg : mapping, optional
+        How far they are mounted turned on the head, °, by serial number.
     seed : int
     """
     scales, hidden = nominal_scales or {}, effects or {}
@@ -390,7 +415,7 @@ def make_plant(
     }
     if new_from_assembly:
         made = {s: newly_assembled(one, s, seed=seed) for s, one in made.items()}
-    return Twin(station.inputs, made, settings, seed)
+    return Twin(station.inputs, made, settings, seed, mount_deg)
 
 
 def newly_assembled(

@@ -1,16 +1,21 @@
 """`accelbench demo`: everything once, on instruments that are not there."""
 
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import click
 from rich.console import RenderableType
 
+from errormodel.errors import InputError
 from thermo.findings import find_loop
 from thermo.live import LiveEstimate
 from thermo.plan import make_plan
+from thermo.planted import plantable
+from thermo.sequence import Sequence
 from thermo.station_emulated import default_station
+from thermo.station_types import Observer
 from workbench.commands_run import exit_code, uniformity_document
 from workbench.console import emit
 from workbench.demo import HIDDEN, DemoResult, demo_sequence, fresh_folder, run_demo
@@ -28,18 +33,31 @@ from workbench.progress import ProgressView
     help="A numbered folder is made in it.",
 )
 @click.option(
+    "--hidden",
+    metavar="EFFECT",
+    is_flag=False,
+    flag_value="",
+    help="Hide an effect in one accelerometer and find it.",
+)
+@click.option(
     "--speed",
     type=click.FloatRange(min=0, min_open=True),
     help="Multiple of real time; as fast as can be if not given.",
 )
 @json_option
-def demo(out: Path, speed: float | None, as_json: bool) -> int:
+def demo(out: Path, hidden: str | None, speed: float | None, as_json: bool) -> int:
     """Do the whole job on emulated instruments: test, fit, compensation, report.
 
     A chamber controller on TCP, a multimeter and an indexing head on pseudo-terminals, three
     accelerometers, two runs from −40 to +70 °C and back. One accelerometer hides an effect that
     no polynomial can hold. In Python: workbench.demo.run_demo.
+
+    With --hidden one of three accelerometers has an effect that the program is not told of: it is
+    measured, named by `discrepancy` from the recorded file, and the larger model is emulated beside
+    the next run. In Python: workbench.demo_hidden.run_hidden_demo.
     """
+    if hidden is not None:
+        return _hidden(out, hidden, speed, as_json)
     sequence = demo_sequence()
     plan = make_plan(sequence, default_station(sequence))
     folder = fresh_folder(out)
@@ -50,6 +68,29 @@ def demo(out: Path, speed: float | None, as_json: bool) -> int:
         )
     emit(_document(result), _text(result), as_json=as_json)
     return exit_code(result.outcome, result.verdicts)
+
+
+def _hidden(out: Path, effect: str, speed: float | None, as_json: bool) -> int:
+    from workbench.demo_hidden import run_hidden_demo  # its search takes its second
+    from workbench.demo_hidden_output import hidden_document, hidden_text
+
+    plantable(effect)
+    if speed is not None:
+        raise InputError("demo", "--speed", "belongs to the demonstration without --hidden")
+
+    @contextmanager
+    def watch(sequence: Sequence) -> Generator[tuple[Observer, ...]]:
+        plan = make_plan(sequence, default_station(sequence))
+        with ProgressView(plan.total_s) as view:
+            yield (view,)
+
+    result = run_hidden_demo(fresh_folder(out), effect, watch=watch, tell=_tell)
+    emit(hidden_document(result), hidden_text(result), as_json=as_json)
+    return 0 if result.right else 1
+
+
+def _tell(line: str) -> None:
+    click.echo(line, err=True)
 
 
 def _document(result: DemoResult) -> dict[str, Any]:

@@ -8,13 +8,12 @@ from errormodel.atomic import write_files
 from errormodel.errors import InputError
 from thermo.discrepancy import Discrepancy, find_discrepancy
 from thermo.effects_user import load_effects
-from thermo.fitting import TermsFile, fit_runs, read_terms
-from thermo.modelfile import dump_model, make_model_file, read_model
+from thermo.fitting import TermsFile, read_terms
+from thermo.modelfile import dump_model, read_model
 from thermo.recording import RecordedRuns, read_runs
-from thermo.sequence import sequence_toml
-from thermo.terms_file import terms_toml
 from workbench.console import emit
 from workbench.discrepancy_output import discrepancy_document, discrepancy_text
+from workbench.larger_model import fitted_file, larger_terms, larger_toml
 from workbench.outputs import (
     REPORT_NAME,
     checked_output,
@@ -33,6 +32,13 @@ from workbench.outputs import (
 @click.option("--report", type=Path, help="Folder for the report and its figures.")
 @click.option("--experiment-out", type=Path, help="SEQUENCE.toml of the experiment proposed.")
 @click.option("--seed", type=int, default=1, help="Of the simulated nulls.")
+@click.option(
+    "--workers",
+    type=click.IntRange(min=1),
+    default=1,
+    show_default=True,
+    help="Threads that simulate them; the verdict is the same.",
+)
 @force_option
 @json_option
 def discrepancy(
@@ -44,6 +50,7 @@ def discrepancy(
     report: Path | None,
     experiment_out: Path | None,
     seed: int,
+    workers: int,
     force: bool,
     as_json: bool,
 ) -> None:
@@ -54,7 +61,7 @@ def discrepancy(
     """
     if kind == "rig":
         given = {"--model": model, "--effects": effects, "--experiment-out": experiment_out,
-                 "--report": report}  # fmt: skip
+                 "--report": report, "--workers": workers > 1}  # fmt: skip
         _rig(files, [name for name, value in given.items() if value], out, seed, force, as_json)
         return
     inputs = [*with_sidecars(list(files)), *(p for p in (model, effects) if p)]
@@ -66,7 +73,9 @@ def discrepancy(
         checked_output(report / REPORT_NAME, [], force=force)
     library = load_effects(effects)
     runs = read_runs(list(files))
-    found = find_discrepancy(runs, model=_present(model), effects=library, seed=seed, tell=_tell)
+    found = find_discrepancy(
+        runs, model=_present(model), effects=library, seed=seed, workers=workers, tell=_tell
+    )
     document, text = discrepancy_document(found), list(discrepancy_text(found))
     written: list[tuple[Path, bytes]] = []
     if out is not None:
@@ -126,30 +135,19 @@ def _present(path: Path | None) -> TermsFile | None:
     return TermsFile(terms=first.terms, t_ref_c=first.t_ref_c)
 
 
-def _larger(d: Discrepancy) -> TermsFile:
-    names = tuple(t.name for t in d.after.model.terms)
-    start = {p.name: d.after.values[p.name] for p in d.after.model.parameters}
-    return TermsFile(terms=names, t_ref_c=d.t_ref_c, start=start)
-
-
 def _model_files(
     runs: RecordedRuns, found: tuple[Discrepancy, ...], out: Path
 ) -> list[tuple[Path, bytes]]:
     """Return the larger model: its terms for `fit`, and the fitted file for `compensate`."""
-    fits = [one for d in found for one in fit_runs(runs.select(serial=d.serial), terms=_larger(d))]
-    fitted = dump_model(make_model_file(fits)).encode()
+    fitted = dump_model(fitted_file(runs, [(d.serial, larger_terms(d)) for d in found])).encode()
     if out.suffix.lower() == ".json":
         return [(out, fitted)]
-    text = terms_toml(_larger(found[0]), [t.sentence for t in found[0].after.model.terms])
-    return [(out, text.encode()), (out.with_suffix(".json"), fitted)]
+    return [(out, larger_toml(found[0]).encode()), (out.with_suffix(".json"), fitted)]
 
 
 def _experiment_file(found: tuple[Discrepancy, ...], path: Path) -> list[tuple[Path, bytes]]:
     proposed = [d.experiment for d in found if d.experiment and d.experiment.sequence]
-    if not proposed or proposed[0].sequence is None:
-        return []
-    head = "".join(f"# {line}\n" for line in proposed[0].text.split("\n"))
-    return [(path, (head + sequence_toml(proposed[0].sequence)).encode())]
+    return [(path, proposed[0].toml().encode())] if proposed else []
 
 
 def _report_files(

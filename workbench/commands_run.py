@@ -86,7 +86,10 @@ def run(
     if dry_run:
         return _show_plan(plan, as_json=as_json)
     _check_store(store)
-    live = LiveEstimate({a.serial: a.nominal_scale for a in job.sequence.accelerometers})
+    live = LiveEstimate(
+        {a.serial: a.nominal_scale for a in job.sequence.accelerometers},
+        mount_deg={a.serial: a.mount_deg for a in job.sequence.accelerometers},
+    )
     with ProgressView(plan.total_s, live) as view:
         outcome = _run(job, (live, view))
     verdicts, exported = _after(job, plan, outcome, out)

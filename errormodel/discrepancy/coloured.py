@@ -54,7 +54,7 @@ def _gains(
     return keep, gain, total
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _innovations(
     keep: FloatArray, gain: FloatArray, root: FloatArray, columns: FloatArray, colour: bool
 ) -> FloatArray:

@@ -6,6 +6,7 @@ tail of each statistic is an exponential fitted to the draws above their upper f
 p-value of the library has a law of its own, from the same draws.
 """
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +19,7 @@ from errormodel.discrepancy.problem import Problem
 from errormodel.discrepancy.scan import Prepared, View
 
 TAIL_SHARE = 0.2
+PART = 50  # draws that are worked on together
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -104,7 +106,12 @@ def draw_noise(
 
 
 def calibrate(
-    problem: Problem, floor: NoiseFloor, *, draws: int, rng: np.random.Generator
+    problem: Problem,
+    floor: NoiseFloor,
+    *,
+    draws: int,
+    rng: np.random.Generator,
+    workers: int = 1,
 ) -> Calibration:
     """Simulate the null laws of a problem's statistics.
 
@@ -115,12 +122,34 @@ def calibrate(
         Of the measured residual.
     draws : int
     rng : numpy.random.Generator
+    workers : int
+        Threads; the arithmetic releases the interpreter. The draws are made and cut into parts in
+        the same way whatever their number, so that the laws do not depend on it.
 
     Returns
     -------
     Calibration
     """
     noise = draw_noise(problem.times, floor, draws, rng)
+    for candidate in problem.candidates:
+        candidate.prepared()  # once, before the threads would each do it
+    shapes_of_events = _shapes_of_events(problem, floor)
+    parts: list[FloatArray] = [noise[:, k : k + PART] for k in range(0, draws, PART)]
+
+    def values(own: FloatArray) -> tuple[FloatArray, FloatArray]:
+        return _null_values(problem, floor, own, shapes_of_events)
+
+    with ThreadPoolExecutor(workers) as pool:
+        done = list(pool.map(values, parts))
+    gains, factors = np.hstack([d[0] for d in done]), np.hstack([d[1] for d in done])
+    return _laws(problem, gains, factors, shapes_of_events)
+
+
+def _null_values(
+    problem: Problem, floor: NoiseFloor, noise: FloatArray, shapes_of_events: tuple[NoiseShape, ...]
+) -> tuple[FloatArray, FloatArray]:
+    """Return the gains of candidates and of factors, one column a draw."""
+    draws = int(noise.shape[1])
     shapes, sigmas = _estimated(problem, floor, noise)
     gains = np.empty((len(problem.candidates), draws))
     factors = np.empty((len(problem.factors), draws))
@@ -133,20 +162,17 @@ def calibrate(
         gains[:, mine] = Prepared(scaled, problem.candidates).null_gains(data)
         for k, factor in enumerate(problem.factors):
             factors[k, mine] = view.factor_gains(factor, data)
-    shapes_of_events = _with_ratios(problem, floor, noise, gains)
-    return _laws(problem, gains, factors, shapes_of_events)
+    if shapes_of_events:  # an event counts with its likelihood ratio
+        rows = [k for k, c in enumerate(problem.candidates) if c.event]
+        gains[rows] = event_ratios(problem, shapes_of_events, noise)
+    return gains, factors
 
 
-def _with_ratios(
-    problem: Problem, floor: NoiseFloor, noise: FloatArray, gains: FloatArray
-) -> tuple[NoiseShape, ...]:
-    """Put likelihood ratios in place of the gains of events; return the shapes allowed."""
-    rows = [k for k, c in enumerate(problem.candidates) if c.event]
-    if problem.noise is not None or not rows:
+def _shapes_of_events(problem: Problem, floor: NoiseFloor) -> tuple[NoiseShape, ...]:
+    """Return the noise shapes that events are judged under; none where there are no events."""
+    if problem.noise is not None or not any(c.event for c in problem.candidates):
         return ()
-    shapes = shapes_allowed(problem, floor)
-    gains[rows] = event_ratios(problem, shapes, noise)
-    return shapes
+    return shapes_allowed(problem, floor)
 
 
 def _estimated(

@@ -169,7 +169,7 @@ def output_g(
     x = inner - 25.0
     commanded = np.deg2rad(night.angle_deg)
     harmonic = hidden.get("indexer_harmonic", 0.0) / 3600 * np.cos(2 * commanded)
-    angle = commanded + np.deg2rad(harmonic + head_deg)
+    angle = commanded + np.deg2rad(night.mount_deg + harmonic + head_deg)
     a_i, a_p = np.sin(angle)[:, None], np.cos(angle)[:, None]
     bias = device.k0_ug + device.b1_ug * x + device.b2_ug * x**2
     shapes = bias_shapes(night, inner, once)

@@ -40,6 +40,7 @@ class Protocol:
     dwell_s: float = 600.0
     period_s: float = 10.0  # between readings
     rest_s: float = 3600.0  # between runs, powered off
+    mount_deg: float = 0.0  # how far the accelerometer is mounted turned on the head
 
 
 EIGHT = tuple(45.0 * k for k in range(8))
@@ -71,6 +72,7 @@ class Night:
     moving: NDArray[np.bool_]
     path_c: tuple[Floats, ...]  # each run's case temperature every two seconds
     period_s: float
+    mount_deg: float
 
 
 def follow(x: Floats, tau_s: float) -> Floats:
@@ -129,7 +131,8 @@ def make_night(protocol: Protocol, rng: np.random.Generator) -> Night:
         paths.append(case[::4])
         age += chamber.size * STEP_S + protocol.rest_s
     joined = {k: np.concatenate([p[k] for p in parts]) for k in parts[0]}
-    return Night(path_c=tuple(paths), period_s=period, **joined)  # type: ignore[arg-type]
+    turned = protocol.mount_deg
+    return Night(path_c=tuple(paths), period_s=period, mount_deg=turned, **joined)  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -170,6 +170,9 @@ def _table(night: Night, reading_ma: Floats, rng: np.random.Generator) -> pd.Dat
         "output": (OUTPUT_STEP_MA * np.round(reading_ma / OUTPUT_STEP_MA)).round(7),
         "flag": np.where(night.moving, "moving", ""),
     }
+    if night.mount_deg:
+        turned = np.deg2rad(night.angle_deg + night.mount_deg)
+        columns |= {"a_i_g": np.sin(turned), "a_p_g": np.cos(turned), "a_o_g": 0.0}
     return pd.DataFrame(columns)
 
 

@@ -1,5 +1,8 @@
 """Recorded runs as an error model sees them."""
 
+from dataclasses import replace
+from datetime import UTC, datetime, timedelta
+
 import numpy as np
 import pytest
 
@@ -72,3 +75,21 @@ def test_nothing_good_and_nobody_there_are_said() -> None:
         channel_of(recorded(frame), "A")
     with pytest.raises(InputError, match="no serial 'B'; expected one of A"):
         channel_of(recorded(frame), "B")
+
+
+def test_runs_that_cannot_have_been_at_once_are_laid_end_to_end() -> None:
+    frames = [simulate_run(np.random.default_rng(k), run=f"r{k}", n=40) for k in range(2)]
+    long_s = frames[0]["time_s"].max()
+    first = datetime(2026, 3, 2, 18, tzinfo=UTC)
+
+    def hours(later_s: float) -> float:
+        runs = replace(
+            recorded(*frames),
+            run_start_utc={"r0": first, "r1": first + timedelta(seconds=later_s)},
+        )
+        channel = channel_of(runs, "A")
+        began = channel.record["elapsed_h"][channel.record.run == 1]
+        return float(began[0] - frames[1]["time_s"][0] / 3600.0)
+
+    assert hours(long_s + 7200.0) == pytest.approx(long_s / 3600.0 + 2.0)
+    assert hours(30.0) == pytest.approx(long_s / 3600.0)  # an emulated test: hours in seconds

@@ -101,3 +101,15 @@ def test_p_values_are_uniform_where_nothing_is_missing(laws: Calibration) -> Non
     # the law itself comes from 400 draws: two sigmas of its quantile are 2 % at 5 %, 0.8 % at 1 %
     assert abs(np.mean(p < 0.05) - 0.05) < 0.022
     assert abs(np.mean(p < 0.01) - 0.01) < 0.009
+
+
+def test_the_null_laws_do_not_depend_on_how_many_work_at_them() -> None:
+    problem = linear_problem(np.zeros(len(BASE)), BASE)
+    one, two = (
+        calibrate(problem, FLOOR, draws=120, rng=np.random.default_rng(5), workers=n)
+        for n in (1, 2)
+    )
+    for name, law in one.gains.items():
+        np.testing.assert_array_equal(law.draws, two.gains[name].draws)
+    for name, law in one.factors.items():
+        np.testing.assert_array_equal(law.draws, two.factors[name].draws)

@@ -1,0 +1,298 @@
+"""A hidden effect through the instruments: measured, named from the files alone, and closed.
+
+One emulated accelerometer of a station has an effect that nobody who reads its runs is told of.
+The station measures all of them over real bytes, the search reads the recorded files, the larger
+model is loaded into an emulated accelerometer beside the real one, and the next run compares them.
+"""
+
+import json
+import time
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, replace
+from functools import reduce
+from importlib import resources
+from pathlib import Path
+
+import numpy as np
+
+from drivers.clock import SteppedClock
+from errormodel.atomic import write_files
+from thermo.discrepancy import Discrepancy, find_discrepancy
+from thermo.experiments import Experiment
+from thermo.inputs import channel_of
+from thermo.modelfile import dump_model, read_model
+from thermo.plan_text import duration_text
+from thermo.planted import plain_accelerometer, plantable, simulated_by, who_has_it
+from thermo.recording import RecordedRuns, join_runs, read_runs
+from thermo.sequence import Accelerometer, load_sequence, parse_sequence
+from thermo.sequence import Sequence as TestSequence
+from thermo.station_emulated import default_station, run_emulated
+from thermo.station_types import Observer, TestOutcome
+from thermo.store_files import export_recorded, open_existing_store
+from thermo.twin import EmulatedAccelerometer, Twin, TwinSettings
+from workbench.demo_hidden_report import NextRun, hidden_report
+from workbench.larger_model import fitted_file, larger_terms, larger_toml, present_terms
+from workbench.outputs import REPORT_NAME
+
+Tell = Callable[[str], None]
+Watch = Callable[[TestSequence], AbstractContextManager[Sequence[Observer]]]
+# The head is adjusted: its own errors are no accelerometer's, and all would show them.
+SETTINGS = TwinSettings(head_offset_arcsec=0.0, head_harmonic_arcsec=0.0)
+PRESENT, LARGER = "present model", "larger model"
+DAY_S = 86_400.0
+MOST_EXPERIMENTS = 2
+Units = Mapping[str, EmulatedAccelerometer]
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class HiddenDemo:
+    """What the demonstration came to.
+
+    Attributes
+    ----------
+    folder : Path
+    serial, effect, size : str
+        The key: which accelerometer had what. Opened when the verdicts were there.
+    first : tuple of Discrepancy
+        The verdicts on the first test.
+    experiments : tuple of Experiment
+        Those proposed and carried out because a question was open.
+    verdicts : tuple of Discrepancy
+        The verdicts in the end.
+    next_run : NextRun or None
+        None when nothing was named.
+    report : Path or None
+    seconds : float
+    failed : TestOutcome or None
+        A test that did not finish.
+    """
+
+    folder: Path
+    serial: str = ""
+    effect: str = ""
+    size: str = ""
+    first: tuple[Discrepancy, ...] = ()
+    experiments: tuple[Experiment, ...] = ()
+    verdicts: tuple[Discrepancy, ...] = ()
+    next_run: NextRun | None = None
+    report: Path | None = None
+    seconds: float = 0.0
+    failed: TestOutcome | None = None
+
+    @property
+    def right(self) -> bool:
+        """Whether the accelerometer's effect alone was named, and of the others nothing."""
+        said = {d.serial: [e.name for e in d.effects] for d in self.verdicts if not d.alias_sets}
+        others = [d for d in self.verdicts if d.serial != self.serial]
+        return said.get(self.serial) == [self.effect] and all(
+            d.verdict == "nothing" for d in others
+        )
+
+
+def hidden_sequence() -> TestSequence:
+    """Return the sequence that is run, as it is shipped."""
+    file = resources.files("workbench").joinpath("demo-hidden.toml")
+    return parse_sequence(file.read_text(encoding="utf-8"), "demo-hidden.toml")
+
+
+class _TestEndedError(Exception):
+    """A test did not finish."""
+
+    def __init__(self, outcome: TestOutcome) -> None:
+        super().__init__(outcome.reason)
+        self.outcome = outcome
+
+
+class _Bench:
+    """The emulated station: one test after another, each a day later, with noise of its own."""
+
+    def __init__(self, folder: Path, watch: Watch) -> None:
+        self.folder, self.watch = folder, watch
+        self.tests = 0
+
+    def measure(self, name: str, sequence: TestSequence, units: Units) -> Path:
+        """Run a sequence and return the recorded file."""
+        self.tests += 1
+        config = default_station(sequence)
+        mounts = {a.serial: a.mount_deg for a in sequence.accelerometers}
+        plant = Twin(config.inputs, units, SETTINGS, self.tests, mounts)
+        store_path = str(self.folder / "store.sqlite")
+        with self.watch(sequence) as observers:
+            outcome = run_emulated(
+                sequence,
+                store_path,
+                config=config,
+                plant=plant,
+                clock=SteppedClock((self.tests - 1) * 3 * DAY_S),
+                observers=observers,
+            )
+        if outcome.status != "finished":
+            raise _TestEndedError(outcome)
+        with open_existing_store(store_path) as store:
+            (exported,) = export_recorded(store, outcome.test_id, self.folder / f"{name}.csv")
+        return exported.path
+
+
+def run_hidden_demo(
+    folder: Path,
+    effect: str | None,
+    *,
+    watch: Watch,
+    sequence: TestSequence | None = None,
+    seed: int = 1,
+    tell: Tell = lambda _: None,
+) -> HiddenDemo:
+    """Hide an effect in an emulated accelerometer, and see whether it is found.
+
+    Parameters
+    ----------
+    folder : Path
+        Where everything goes: recorded runs, models, the proposed sequences, the report, the key.
+    effect : str or None
+        A name of `thermo.planted.PLANTED`.
+    watch : callable
+        Gives a test's observers, as a context.
+    sequence : TestSequence, optional
+        By default the one shipped.
+    seed : int
+        Draws the accelerometers, and which of them has it.
+    tell : callable
+        Told what is being done.
+
+    Returns
+    -------
+    HiddenDemo
+
+    Raises
+    ------
+    InputError
+        If no accelerometer can have that effect.
+    """
+    planted, began_s = plantable(effect), time.monotonic()
+    assert effect is not None
+    sequence = sequence or hidden_sequence()
+    serials = tuple(a.serial for a in sequence.accelerometers)
+    serial = who_has_it(effect, serials, seed)
+    key = {"serial": serial, "effect": effect, "size": planted.words()}
+    write_files([(folder / "key.json", json.dumps(key, ensure_ascii=False).encode())])
+    units = {
+        s: plain_accelerometer(s, planted if s == serial else None, seed=seed) for s in serials
+    }
+    steps = _Steps(tell)
+    try:
+        made = _search(_Bench(folder, watch), units, sequence, steps)
+    except _TestEndedError as ended:
+        made = HiddenDemo(folder=folder, failed=ended.outcome)
+    opened = json.loads((folder / "key.json").read_text(encoding="utf-8"))
+    return replace(made, **opened, seconds=time.monotonic() - began_s)
+
+
+class _Steps:
+    """Tells what is being done, and about how long the rest will take."""
+
+    # shares of the whole, as measured: the first test, its search, the next run and the report
+    SHARES = (0.5, 0.3, 0.2)
+
+    def __init__(self, tell: Tell) -> None:
+        self.tell = tell
+        self._began_s, self._step = time.monotonic(), 0
+
+    def next(self, text: str) -> None:
+        """Begin the next step."""
+        done = sum(self.SHARES[: self._step])
+        self._step += 1
+        left = ""
+        if done:
+            spent_s = time.monotonic() - self._began_s
+            left = f"; about {duration_text(spent_s * (1.0 - done) / done)} left"
+        self.tell(f"{self._step} of {len(self.SHARES)}: {text}{left}")
+
+
+def _search(bench: _Bench, units: Units, sequence: TestSequence, steps: _Steps) -> HiddenDemo:
+    """Measure, name, settle what is open, and close the gap."""
+    steps.next(f"a night of {len(units)} accelerometers")
+    runs = read_runs([bench.measure("run", sequence, units)])
+    steps.next("what is missing from their models, by the recorded file alone")
+    first = find_discrepancy(runs, tell=steps.tell)
+    verdicts: list[Discrepancy] = []
+    experiments: list[Experiment] = []
+    seen: dict[str, RecordedRuns] = {}
+    for d in first:
+        settled, own, seen[d.serial] = _settled(bench, units, d, runs, steps.tell)
+        verdicts.append(settled)
+        experiments += own
+    made = HiddenDemo(
+        folder=bench.folder, first=first, experiments=tuple(experiments), verdicts=tuple(verdicts)
+    )
+    steps.next("the next run, beside what the models say of it, and the report")
+    found = [d for d in verdicts if d.effects]
+    if not found:
+        return made
+    strongest = max(found, key=lambda d: d.effects[0].strength_d)
+    next_run = _next_run(bench, units, sequence, strongest, seen[strongest.serial])
+    files = hidden_report(verdicts, runs, next_run)
+    write_files([(bench.folder / "report" / name, content) for name, content in files.items()])
+    return replace(made, next_run=next_run, report=bench.folder / "report" / REPORT_NAME)
+
+
+def _settled(
+    bench: _Bench, units: Units, d: Discrepancy, runs: RecordedRuns, tell: Tell
+) -> tuple[Discrepancy, list[Experiment], RecordedRuns]:
+    """Carry out the experiments that a verdict proposes until it is no alias set."""
+    runs, done = runs.select(serial=d.serial), list[Experiment]()
+    while d.verdict == "alias" and len(done) < MOST_EXPERIMENTS:
+        proposed = d.experiment
+        if proposed is None or proposed.sequence is None:
+            break
+        tell(f"{d.serial}: {', '.join(d.alias_sets[0])} are not told apart; {proposed.text}")
+        name = f"next-{d.serial}-{len(done) + 1}"
+        write_files([(bench.folder / f"{name}.toml", proposed.toml().encode())])
+        more = bench.measure(name, load_sequence(bench.folder / f"{name}.toml"), units)
+        done.append(proposed)
+        runs = join_runs([runs, read_runs([more])])
+        (d,) = find_discrepancy(runs, tell=tell)
+    return d, done, runs
+
+
+def _next_run(
+    bench: _Bench, units: Units, sequence: TestSequence, d: Discrepancy, runs: RecordedRuns
+) -> NextRun:
+    """Measure the accelerometer once more, its two models emulated beside it."""
+    one = next(a for a in sequence.accelerometers if a.serial == d.serial)
+    models = {
+        PRESENT: fitted_file(runs, [(d.serial, present_terms(d))]),
+        LARGER: fitted_file(runs, [(d.serial, larger_terms(d))]),
+    }
+    paths = {name: bench.folder / f"{name.replace(' ', '_')}.json" for name in models}
+    write_files([(paths[n], dump_model(m).encode()) for n, m in models.items()])
+    write_files([(bench.folder / "larger_model.toml", larger_toml(d).encode())])
+    loaded = {name: simulated_by(read_model(path).of(d.serial)) for name, path in paths.items()}
+    together = sequence.model_copy(
+        update={
+            "accelerometers": tuple(
+                Accelerometer(serial=s, nominal_scale=one.nominal_scale)
+                for s in (d.serial, *loaded)
+            ),
+            "temperature": sequence.temperature.model_copy(update={"repeats": 1}),
+        }
+    )
+    path = bench.measure("next_run", together, {d.serial: units[d.serial], **loaded})
+    channels = {s: channel_of(read_runs([path]), s) for s in (d.serial, *loaded)}
+    measured = channels[d.serial]
+    period_s = sequence.sampling.period_s
+    slots = {s: np.round(c.record.time_s / period_s) for s, c in channels.items()}
+    # a reading that any of the three lacks is left out
+    shared = reduce(np.intersect1d, slots.values())
+    rows = {s: np.isin(own, shared) for s, own in slots.items()}
+    output = {s: np.asarray(c.record.output)[rows[s]] for s, c in channels.items()}
+    gap_ug = {name: 1e6 * (output[d.serial] - output[name]) for name in loaded}
+    return NextRun(
+        serial=d.serial,
+        time_h=measured.record.time_s[rows[d.serial]] / 3600.0,
+        temp_c=measured.temp_c[rows[d.serial]],
+        before_ug=gap_ug[PRESENT],
+        after_ug=gap_ug[LARGER],
+        floor_ug=d.floor_ug,
+        predictive=d.heldout is None or d.heldout.predictive,
+    )
