@@ -148,8 +148,7 @@ def _unit_of_row(name: str) -> tuple[str, float]:
 
 
 def _states(judged: Judged) -> tuple[str, ...]:
-    found = judged.found
-    return found.layout.names if isinstance(found, RigCalibration) else found.states
+    return judged.found.layout.names
 
 
 def draw_sigmas(judged: Judged) -> Picture:
