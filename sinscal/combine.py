@@ -6,14 +6,12 @@ applied beforehand and left as it was, and combined.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import cast
 
 import numpy as np
 
 from errormodel.arrays import FloatArray, freeze, readonly
 from errormodel.filtering import run_filter
-from errormodel.gains import covariance_share
-from errormodel.kalman import State, initial_state
+from errormodel.kalman import initial_state
 from sinscal.calibrate import Mode, RigCalibration, calibrate
 from sinscal.combined import (
     ChamberModel,
@@ -24,13 +22,11 @@ from sinscal.combined import (
     reference_name,
     within_range,
 )
+from sinscal.combined_flight import flight_errors
 from sinscal.contradiction import ChamberTest, compare_with_chamber
-from sinscal.earth import A_M
-from sinscal.flight import flight_sensitivity
-from sinscal.navigation_errors import DLAT, DLON
 from sinscal.priors import PriorFile, RigPrior
 from sinscal.rigdata import RigNoise, cycle_data
-from sinscal.run import AXES, RigRun
+from sinscal.run import RigRun
 from sinscal.sensors import Motion, SensorModel, sensor_model
 from sinscal.terms import BASIC, TIME_OFFSET
 from sinscal.trajectory import FlightPlan
@@ -121,19 +117,18 @@ def combine(
     InputError
         If the run has no temperatures, or the models do not fit together.
     """
+    tell("rig and chamber")
+    ended, test = joined(
+        run, chambers, mode, groups=groups, priors=priors, turn_on=turn_on, noise=noise
+    )
+    sensors, prior = ended.sensors, ended.prior
     run = within_range(run, [c.valid_c for c in chambers])
-    groups = (*groups, TIME_OFFSET) if mode == "precise" else groups
-    sensors = combined_sensors(chambers, groups)
-    prior = combined_prior(sensors, chambers, file=priors, turn_on=turn_on)
+    groups = _of_mode(groups, mode)
 
     def solve(what: str, own: SensorModel, expected: RigPrior | None) -> RigCalibration:
         tell(what)
         return calibrate(run, mode, sensors=own, prior=expected, noise=noise)
 
-    ended = solve("rig and chamber", sensors, prior)
-    wide_cov = _wide(prior, sensors, chambers).cov
-    values, cov = _rig_alone(ended, wide_cov)
-    test = compare_with_chamber(sensors, chambers, _thinned(run), values, cov, wide_cov, prior.cov)
     held = combined_sensors(chambers, groups, twice=ZERO_AND_SCALE)
     known = combined_prior(held, chambers, file=priors, turn_on=turn_on)
     before = solve("chamber's model beforehand", held, _held(known, held, chambers))
@@ -152,8 +147,35 @@ def combine(
         test=test,
         before=before,
         plain=plain,
-        flight_m=_flights(run, ended, before, plain, known, plan or FlightPlan()),
+        flight_m=flight_errors(run, ended, before, plain, known, plan or FlightPlan()),
     )
+
+
+def joined(
+    run: RigRun,
+    chambers: Sequence[ChamberModel],
+    mode: Mode = "coarse",
+    *,
+    groups: Sequence[str] = BASIC,
+    priors: PriorFile | None = None,
+    turn_on: Mapping[str, float] | None = None,
+    noise: RigNoise | None = None,
+) -> tuple[RigCalibration, ChamberTest]:
+    """Return the combined calibration and whether rig and chamber agree; as of `combine`."""
+    run = within_range(run, [c.valid_c for c in chambers])
+    sensors = combined_sensors(chambers, _of_mode(groups, mode))
+    prior = combined_prior(sensors, chambers, file=priors, turn_on=turn_on)
+    ended = calibrate(run, mode, sensors=sensors, prior=prior, noise=noise)
+    wide_cov = _wide(prior, sensors, chambers).cov
+    values, cov = _rig_alone(ended, wide_cov)
+    motions = _thinned(run)
+    return ended, compare_with_chamber(sensors, chambers, motions, values, cov, wide_cov, prior.cov)
+
+
+def _of_mode(groups: Sequence[str], mode: Mode) -> tuple[str, ...]:
+    """Return what is estimated of the SINS: with the rig's angle the offset of its clock, too."""
+    more = (TIME_OFFSET,) if mode == "precise" and TIME_OFFSET not in groups else ()
+    return (*groups, *more)
 
 
 def _wide(prior: RigPrior, sensors: SensorModel, chambers: Sequence[ChamberModel]) -> RigPrior:
@@ -218,87 +240,3 @@ def _pulls(
             pull[told] = (ended.value(name) - float(prior.values[i])) / sigma
             kept[told] = ended.sigma(name) / sigma
     return pull, kept
-
-
-def _flights(
-    run: RigRun,
-    ended: RigCalibration,
-    before: RigCalibration,
-    plain: RigCalibration,
-    known: RigPrior,
-    plan: FlightPlan,
-) -> dict[str, float]:
-    """Return ρ at the end of a flight for the three calibrations.
-
-    What the plain one leaves is taken from the combined one: how the two differ over the flight.
-    The sensors are those of the calibration beforehand, which have all unknowns of the others.
-    """
-    sensors, count = before.sensors, len(before.sensors.names)
-    at = [sensors.names.index(n) for n in ended.sensors.names]
-    values = np.zeros(count)
-    values[at] = ended.values[: len(at)]
-    warm = _warming(run)
-
-    def columns(motion: Motion) -> FloatArray:
-        warmed = replace(motion, temp_c=warm(motion.time_s - motion.time_s[0]))
-        out = np.zeros((len(motion), 6, count + 1))
-        block = sensors.columns(warmed, values)
-        for j in range(block.shape[1]):
-            out[:, sensors.owner[j], j] = block[:, j]
-        total = sensors.errors(warmed, values)
-        by_plain = plain.sensors.errors(warmed, plain.values[: len(plain.sensors.names)])
-        out[:, :, count] = total - by_plain
-        return out
-
-    names = (*sensors.names, "what the plain calibration leaves")
-    psi = flight_sensitivity(plan, names, columns=columns).psi[-1][[DLAT, DLON]]
-    lat = plan.latitude_rad
-    to_m = A_M * np.array([1.0, np.cos(lat)])
-    psi = to_m[:, None] * psi
-    own, left = psi[:, :count], psi[:, count]
-
-    def rho(cov: FloatArray, more: FloatArray) -> float:
-        return float(np.sqrt(np.trace(own @ cov @ own.T) + more @ more))
-
-    zero = np.zeros(2)
-    combined = np.zeros((count, count))
-    combined[np.ix_(at, at)] = ended.cov[: len(at), : len(at)]
-    return {
-        "no_thermal": rho(combined, left),
-        "before": rho(_true_cov(before, known), zero),
-        "combined": rho(combined, zero),
-    }
-
-
-def _true_cov(before: RigCalibration, known: RigPrior) -> FloatArray:
-    """Return the covariance of a calibration that took the chamber's model for exact.
-
-    Its gains are what they are; the chamber's own covariance is sent through them.
-    """
-    layout = before.layout
-    start: State = before.start
-    gains = run_filter(start, before.steps, with_gains=True).gains
-    cov = start.cov
-    unknown = layout.unknowns
-    fixed = np.flatnonzero(np.diag(start.cov)[unknown] == 0.0)
-    at = fixed + unknown.start
-    cov[np.ix_(at, at)] = known.cov[np.ix_(fixed, fixed)]
-    share = covariance_share(before.steps, gains, cov, before.steps.r, before.steps.q)
-    return share[unknown, unknown]
-
-
-def _warming(run: RigRun) -> Callable[[FloatArray], FloatArray]:
-    """Return the temperatures over time of the rig run, for a flight that warms up alike."""
-    assert run.temp_c is not None
-    time_s, temp_c = run.time_s - run.time_s[0], np.asarray(run.temp_c)
-    order = np.argsort(time_s, kind="stable")
-
-    def warm(at_s: FloatArray) -> FloatArray:
-        return np.column_stack(
-            [
-                cast(FloatArray, np.interp(at_s, time_s[order], temp_c[order, k]))
-                for k in range(len(AXES))
-            ]
-        )
-
-    return warm

@@ -1,29 +1,29 @@
 """Which physical effect is missing from the rig filter's model, found in its innovations."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from errormodel.arrays import FloatArray
 from errormodel.discrepancy.choices import Choice, Rules, SearchResult, Slot
 from errormodel.discrepancy.coloured import NoiseShape
 from errormodel.discrepancy.floor import NoiseFloor
 from errormodel.discrepancy.foresight import NAMEABLE_D, foresee
 from errormodel.discrepancy.gate import FactorFinding, Judgement, judge, locate
+from errormodel.discrepancy.nulls import Calibration
 from errormodel.discrepancy.nulls import calibrate as simulate_nulls
 from errormodel.discrepancy.scan import View
 from errormodel.discrepancy.search import Search
 from sinscal.calibrate import Mode, noise_of
-from sinscal.discrepancy_source import FilterProblem, RigSource
+from sinscal.discrepancy_filter import FilterProblem
+from sinscal.discrepancy_holdout import CycleGap, gaps_by_cycle, held_out, rms_by_channel
+from sinscal.discrepancy_source import RigSource
 from sinscal.rig_effects import BY_NAME, RigEffect
-from sinscal.run import BoolArray, RigRun
-from sinscal.sensors import T_REF_C
+from sinscal.rig_model_file import RigModelFile, check_needs
+from sinscal.run import RigRun
 
 DRAWS = 200
 Tell = Callable[[str], None]
-# Where less of an innovation's variance is the sensors' noise, the start is still being found.
-SETTLED_SHARE = 0.5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,15 +45,6 @@ class RigEffectFound:
     p_value: float
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class HeldOutCycle:
-    """Rms of a cycle's innovations, the effects' sizes taken from the other cycles; by channel."""
-
-    cycle: int
-    before: dict[str, float]
-    after: dict[str, float]
-
-
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class RigDiscrepancy:
     """The verdict on one rig run and what it stands on.
@@ -64,11 +55,18 @@ class RigDiscrepancy:
     judgement : Judgement
     result : SearchResult
     effects : tuple of RigEffectFound
-    where : FactorFinding or None
-        The factor that carries the excess.
+    where : str or None
+        The factor that the named effect's error follows; without a name, the one that carries most
+        of the excess.
+    channel : str or None
+        The channel in which the excess is largest.
+    places : tuple of FactorFinding
+        Every factor with how much of the excess it carries, the best first.
     rms_before, rms_after, floor : dict of str to float
         Of innovations by channel, m/s² and rad; the floor is what the noise stated gives.
-    heldout : tuple of HeldOutCycle
+    gaps, heldout : tuple of CycleGap
+        By cycle: of the filters of the present and the larger model; and with the effects' sizes
+        taken from the other cycles.
     invisible : tuple of str
     smallest_nameable : dict of str to (float, str)
         Size of the effect's first visible unknown at strength seven, and its unit.
@@ -79,11 +77,14 @@ class RigDiscrepancy:
     judgement: Judgement
     result: SearchResult
     effects: tuple[RigEffectFound, ...]
-    where: FactorFinding | None
+    where: str | None
+    channel: str | None
+    places: tuple[FactorFinding, ...]
     rms_before: dict[str, float]
     rms_after: dict[str, float]
     floor: dict[str, float]
-    heldout: tuple[HeldOutCycle, ...]
+    gaps: tuple[CycleGap, ...]
+    heldout: tuple[CycleGap, ...]
     invisible: tuple[str, ...]
     smallest_nameable: dict[str, tuple[float, str]]
     experiment: str | None
@@ -105,26 +106,27 @@ def find_rig_discrepancy(
     run: RigRun,
     *,
     mode: Mode | None = None,
+    present: RigModelFile | None = None,
     rules: Rules | None = None,
     draws: int = DRAWS,
     seed: int = 1,
-    t_ref_c: float = T_REF_C,
     tell: Tell = lambda line: None,
 ) -> RigDiscrepancy:
-    """Find and name what is missing from the basic model of a SINS in a recorded rig run.
+    """Find and name what is missing from the model of a SINS in a recorded rig run.
 
     Parameters
     ----------
     run : RigRun
         Its facts state the densities of the noise.
     mode : {"coarse", "precise"}, optional
-        By default precise where the rig's angle is recorded.
+        By default as the present model says, or precise where the rig's angle is recorded.
+    present : RigModelFile, optional
+        The present model; by default the basic errors alone (`sinscal.terms.BASIC`).
     rules : Rules, optional
     draws : int
         Simulated nulls that calibrate every statistic.
     seed : int
         Of the draws.
-    t_ref_c : float
     tell : callable, optional
         Takes a line of progress.
 
@@ -139,9 +141,12 @@ def find_rig_discrepancy(
     """
     rules = rules or Rules()
     angle = run.rig_angle_rad is not None and run.facts.axis_of_cycle is not None
-    mode = mode or ("precise" if angle else "coarse")
-    source = RigSource(run, mode, noise_of(run.facts, mode), t_ref_c=t_ref_c)
-    tell("calibrating with the basic model")
+    by_data: Mode = "precise" if angle else "coarse"
+    mode = mode or (present.mode if present else by_data)
+    if present:
+        check_needs(present.groups, run, mode)
+    source = RigSource(run, mode, noise_of(run.facts, mode), present=present or RigModelFile())
+    tell("calibrating with the present model")
     problem = source.problem((), NoiseShape())
     floor = NoiseFloor(shape=NoiseShape(), sigma=1.0, support=((1.0, NoiseShape()),))
     tell(f"{draws} simulated nulls")
@@ -151,29 +156,69 @@ def find_rig_discrepancy(
     result = search.run()
     choices = tuple(s.choice for s in result.slots)
     verdict = judge(search.view(choices), result, laws, rules, too_much_drift=False)
+    places = locate(search.view(()), laws) if verdict.verdict != "nothing" else ()
+    verdict = outdone(verdict, result, places, laws, rules)
     if verdict.verdict not in ("named", "alias"):
         choices = ()
     before, after = source.filter_with(()), source.filter_with(choices)
     slots = result.slots if choices else ()
     invisible, smallest = _foreseen(source, search.view(()), before)
-    places = [p for p in locate(search.view(()), laws) if verdict.verdict != "nothing"]
     return RigDiscrepancy(
         source=source,
         judgement=verdict,
         result=result,
-        effects=tuple(_found(after, s) for s in slots),
-        where=places[0] if places else None,
+        effects=tuple(_found(_without(source, choices, s), after, s) for s in slots),
+        where=_where(slots, places),
+        channel=_loudest(before) if verdict.verdict != "nothing" else None,
+        places=places,
         rms_before=_rms(before),
         rms_after=_rms(after),
         floor=_floor(after),
-        heldout=_held_out(before, choices),
+        gaps=gaps_by_cycle(before, after),
+        heldout=held_out(before, choices),
         invisible=invisible,
         smallest_nameable=smallest,
         experiment=_experiment(result, verdict, invisible),
     )
 
 
-def _found(after: FilterProblem, slot: Slot) -> RigEffectFound:
+def outdone(
+    verdict: Judgement,
+    result: SearchResult,
+    places: tuple[FactorFinding, ...],
+    laws: Calibration,
+    rules: Rules,
+) -> Judgement:
+    """Withdraw names that explain clearly less than a factor alone does.
+
+    A factor sees a part of what is there, and the effects that are truly missing explain all of it.
+    So where a factor explains more, by more than luck gives it, what is there is something else: a
+    slow drift, for instance, which a jump and two effects more would follow in part. Where the
+    names leave nothing, they stand: a factor that explains more then follows the linearisation.
+    """
+    quiet = not (verdict.loud or verdict.loud_noise)
+    if quiet or verdict.verdict not in ("named", "alias"):
+        return verdict
+    by_luck = sum(laws.gains[s.choice.name].mean for s in result.slots)
+    explained = result.explained - by_luck
+    for place in places:
+        law = laws.factors[place.name]
+        luck = float(np.quantile(law.draws, 1.0 - rules.alpha_rest)) - law.mean
+        if place.excess - luck > explained:
+            return replace(
+                verdict,
+                verdict="unexplained_repeatable" if place.repeatable else "unexplained_noise",
+                explained_share=max(explained, 0.0) / place.excess,
+            )
+    return verdict
+
+
+def _without(source: RigSource, choices: tuple[Choice, ...], slot: Slot) -> FilterProblem:
+    """Return the filter that has all effects chosen but one."""
+    return source.filter_with([c for c in choices if c != slot.choice])
+
+
+def _found(before: FilterProblem, after: FilterProblem, slot: Slot) -> RigEffectFound:
     effect, found = BY_NAME[slot.choice.name], after.found
     belongs, units = effect.unknowns(), found.sensors.units
     parameters = {
@@ -184,8 +229,9 @@ def _found(after: FilterProblem, slot: Slot) -> RigEffectFound:
         if belongs(name)
     }
     if effect.step:
-        apart = float(np.median(np.diff(found.time_s[1:])))
-        at = Estimate(value=slot.choice.theta[0], sigma=apart / np.sqrt(12.0), unit="s")
+        at_s = slot.choice.theta[0]
+        sigma = before.time_sigma_s(effect, slot.choice.theta)
+        at = Estimate(value=at_s, sigma=sigma, unit="s")
         parameters[f"{effect.name}_at_s"] = at
     return RigEffectFound(
         effect=effect,
@@ -195,58 +241,31 @@ def _found(after: FilterProblem, slot: Slot) -> RigEffectFound:
     )
 
 
-def _settled(one: FilterProblem) -> BoolArray:
-    """Return (K, m): where an innovation is mainly the sensors' noise and is looked at."""
-    share = one.found.steps.r / np.where(one.kept, one.found.filtered.variance, np.inf)
-    return share > SETTLED_SHARE
+def _where(slots: tuple[Slot, ...], places: tuple[FactorFinding, ...]) -> str | None:
+    """Return the factor to point to.
+
+    The filter carries an error of the gyros on: its innovations follow no factor as closely as
+    the readings do. So of an effect with a name its own factor is told.
+    """
+    if slots:
+        strongest = max(slots, key=lambda s: s.gain)
+        return BY_NAME[strongest.choice.name].follows
+    return places[0].name if places else None
+
+
+def _loudest(one: FilterProblem) -> str:
+    """Return the channel whose innovations are beyond their noise by most."""
+    seen = one.found.filtered
+    beyond = np.nansum(np.where(one.kept, seen.innovation**2 / seen.variance - 1.0, 0.0), axis=0)
+    return one.rows.names[int(np.argmax(beyond))]
 
 
 def _rms(one: FilterProblem) -> dict[str, float]:
-    return _by_row(one, one.found.filtered.innovation**2)
+    return rms_by_channel(one, one.found.filtered.innovation**2)
 
 
 def _floor(one: FilterProblem) -> dict[str, float]:
-    return _by_row(one, one.found.filtered.variance)
-
-
-def _by_row(one: FilterProblem, square: FloatArray) -> dict[str, float]:
-    settled = _settled(one)
-    return {
-        one.row_names[k]: float(np.sqrt(np.mean(square[settled[:, k], k])))
-        for k in one.rows
-        if settled[:, k].any()
-    }
-
-
-def _held_out(before: FilterProblem, choices: tuple[Choice, ...]) -> tuple[HeldOutCycle, ...]:
-    """Judge the effects' signatures on each cycle with their sizes from the others."""
-    if not choices:
-        return ()
-    seen = np.hstack([before.signature(BY_NAME[c.name], c.theta).columns for c in choices])
-    y = before.problem().residual
-    cycle = before.found.cycle_of_step[before.step_of]
-    made: list[HeldOutCycle] = []
-    for k in range(int(cycle.max()) + 1):
-        mine = cycle == k
-        size = np.linalg.lstsq(seen[~mine], y[~mine], rcond=1e-6)[0]
-        rest = np.zeros(before.kept.shape)
-        rest[before.kept] = np.where(mine, y - seen @ size, np.nan)
-        was = np.zeros(before.kept.shape)
-        was[before.kept] = np.where(mine, y, np.nan)
-        made.append(HeldOutCycle(cycle=k + 1, before=_scaled(before, was),
-                                 after=_scaled(before, rest)))  # fmt: skip
-    return tuple(made)
-
-
-def _scaled(one: FilterProblem, normalised: FloatArray) -> dict[str, float]:
-    """Return the rms by channel of normalised innovations, NaN ones left out, in SI."""
-    settled = _settled(one) & np.isfinite(normalised)
-    square = normalised**2 * one.found.filtered.variance
-    return {
-        one.row_names[k]: float(np.sqrt(np.mean(square[settled[:, k], k])))
-        for k in one.rows
-        if settled[:, k].any()
-    }
+    return rms_by_channel(one, one.found.filtered.variance)
 
 
 def _foreseen(
@@ -255,7 +274,7 @@ def _foreseen(
     """Return what the run cannot show, and the smallest size of the rest that can be named."""
     foresight = foresee(view, view.problem.candidates)
     recorded = {e.name for e in source.shown}
-    unrecorded = [e.name for e in source.effects if e.name not in recorded]
+    unrecorded = [e.name for e in source.effects if not (e.name in recorded or source.holds(e))]
     smallest: dict[str, tuple[float, str]] = {}
     for name, strength in zip(foresight.names, foresight.strength.tolist(), strict=True):
         if strength > 0.0:

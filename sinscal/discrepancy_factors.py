@@ -1,4 +1,4 @@
-"""What the innovations of a rig filter may follow: phase, rate, channel, cycle, time, warmth."""
+"""What the innovations of a rig filter may follow: phase, rate, cycle, time, warmth."""
 
 from collections.abc import Sequence
 
@@ -7,12 +7,14 @@ import numpy as np
 from errormodel.arrays import FloatArray, IntArray
 from errormodel.discrepancy.problem import Factor
 from sinscal.calibrate import RigCalibration
-from sinscal.rig_effects import LEAST_WARMING_C
+from sinscal.rig_effects import CYCLE, LEAST_WARMING_C, PHASE, RATE, TEMPERATURE
 from sinscal.rigdata import CycleData
 from sinscal.run import RigRun
 
 BINS = 6
-SLOW_BINS = 12
+HATS = 5
+# An error of order k of the sensors has orders k ± 1 in the local axes: these show the first three.
+PHASE_ORDERS = (1, 2, 3, 4)
 
 
 def rig_factors(
@@ -22,7 +24,7 @@ def rig_factors(
     step_of: IntArray,
     row_of: IntArray,
 ) -> tuple[Factor, ...]:
-    """Return the factors that resolve innovations.
+    """Return the factors that resolve innovations and come again with the programme.
 
     Parameters
     ----------
@@ -32,33 +34,32 @@ def rig_factors(
     step_of, row_of : ndarray of int, shape (n,)
         Of each innovation.
     """
-    phase, rate, temp_c = _history(cycles, found)
-    channels = (row_of[:, None] == np.unique(row_of)).astype(float)
-    time_s = np.arange(found.time_s.size, dtype=float)
-    waves = np.column_stack([f(k * phase) for k in (1, 2) for f in (np.sin, np.cos)])
+    phase, rate, temp_c = history(cycles, found)
     per_cycle = (found.cycle_of_step[:, None] == np.arange(len(cycles))).astype(float)
+    waves = np.column_stack([f(k * phase) for k in PHASE_ORDERS for f in (np.sin, np.cos)])
+    # what is fixed to the sensors lies otherwise on the rig in each cycle
+    phases = (waves[:, :, None] * per_cycle[:, None, :]).reshape(waves.shape[0], -1)
 
-    def each(columns: FloatArray) -> FloatArray:
-        """Return each column for each channel."""
-        return (columns[step_of][:, :, None] * channels[:, None, :]).reshape(step_of.size, -1)
+    def made(name: str, columns: FloatArray) -> Factor:
+        """Return a factor; of the channels the one that follows it most closely counts."""
+        mine = columns[step_of]
+        groups = tuple(mine * (row_of == k)[:, None] for k in np.unique(row_of).tolist())
+        return Factor(name=name, groups=groups, repeatable=True)
 
-    made = [
-        Factor(name="channel", groups=(channels,), repeatable=True),
-        Factor(name="rotation phase", groups=(each(waves),), repeatable=True),
-        Factor(name="rate", groups=(each(_bins(rate, BINS)),), repeatable=True),
-        Factor(name="cycle", groups=(each(per_cycle),), repeatable=True),
-        Factor(name="time in run", groups=(each(_bins(time_s, SLOW_BINS)),), repeatable=False),
+    factors = [
+        made(PHASE, phases),
+        made(RATE, _bins(rate, BINS)),
+        made(CYCLE, per_cycle),
     ]
     if run.temp_c is not None and float(np.ptp(run.temp_c)) > LEAST_WARMING_C:
-        warm = each(_bins(temp_c, BINS))
-        made.append(Factor(name="temperature", groups=(warm,), repeatable=True))
-    return tuple(made)
+        factors.append(made(TEMPERATURE, _bins(temp_c, BINS)))
+    return tuple(factors)
 
 
-def _history(
+def history(
     cycles: Sequence[CycleData], found: RigCalibration
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the phase and rate of rotation and the temperature at every step."""
+    """Return the phase of rotation (mid-step), its rate and the temperature at every step."""
     parts: list[FloatArray] = []
     for cycle in cycles:
         m = cycle.measured
@@ -66,11 +67,29 @@ def _history(
         turned = np.cumsum(along * m.step_s)
         temp = np.zeros(len(m)) if m.temp_c is None else m.temp_c.mean(axis=1)
         ends = cycle.first[1:] - 1
-        block = np.column_stack([turned, along, temp])[ends]
+        middle = 0.5 * (turned[ends] + turned[cycle.first[:-1]])
+        block = np.column_stack([middle, along[ends], temp[ends]])
         parts += [block[:1], block]  # the step that begins the cycle measures nothing
     every = np.vstack(parts)
     assert every.shape[0] == found.time_s.size
     return every[:, 0], every[:, 1], every[:, 2]
+
+
+def slow_hats(cycles: Sequence[CycleData], found: RigCalibration) -> FloatArray:
+    """Return triangles over the time of every cycle, `HATS` in each, shape (K, hats).
+
+    Their sums are all that is slow in a run.
+    """
+    hats: list[FloatArray] = []
+    for number in range(len(cycles)):
+        mine = found.cycle_of_step == number
+        knots = np.linspace(0.0, float(found.time_s[mine].max()), HATS)
+        apart = float(knots[1])
+        hats += [
+            mine * np.maximum(0.0, 1.0 - np.abs(found.time_s - knot) / apart)
+            for knot in knots.tolist()
+        ]
+    return np.column_stack(hats)
 
 
 def _bins(values: FloatArray, count: int) -> FloatArray:

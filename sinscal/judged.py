@@ -22,6 +22,7 @@ from sinscal.navigation import NavCalibration, calibrate_navigation
 from sinscal.noise_estimate import NoiseFound, noise_of_run, refined
 from sinscal.observability import Observability, observability
 from sinscal.priors import PriorFile, RigPrior, make_prior
+from sinscal.rig_model_file import BiasStep, check_needs
 from sinscal.rigdata import RigNoise
 from sinscal.run import NavRun, RigRun
 from sinscal.sensors import T_REF_C, SensorModel, sensor_model
@@ -43,6 +44,8 @@ class Options:
     mode : {"coarse", "precise"}
     groups : tuple of str
         Estimated in addition to the basic ones (`sinscal.terms.GROUPS`).
+    steps : tuple of BiasStep
+        Jumps of constant errors, estimated as well.
     priors : PriorFile, optional
     interval_s, gate : float
     gyro_instability, accel_instability, instability_tau_s : float
@@ -57,6 +60,7 @@ class Options:
 
     mode: Mode = "coarse"
     groups: tuple[str, ...] = ()
+    steps: tuple[BiasStep, ...] = ()
     priors: PriorFile | None = None
     interval_s: float = INTERVAL_S
     gate: float = GATE_SIGMAS
@@ -70,7 +74,10 @@ class Options:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Judged:
-    """A calibration with its judgement; `warnings` holds all of them, each begun by its name."""
+    """A calibration with its judgement; `warnings` holds all of them, each begun by its name.
+
+    `steps` are the jumps among the sensors' terms.
+    """
 
     found: Calibration
     rows: Rows
@@ -79,6 +86,7 @@ class Judged:
     refused: tuple[Refused, ...]
     flagged: tuple[int, ...]
     warnings: tuple[str, ...]
+    steps: tuple[BiasStep, ...] = ()
 
     @property
     def passed(self) -> bool:
@@ -127,13 +135,14 @@ def calibrate_and_judge(run: RigRun, options: Options, tell: Tell = lambda _: No
         tell(f"without cycle {cycle + 1}")
         held.append(hold_out(run, found, cycle, options.interval_s))
     flag = np.asarray(run.flag)
-    return judge(
+    judged = judge(
         found,
         [int(np.sum(flag[rows])) for rows in run.cycles],
         held,
         noise_known=not {"accelerometer", "angle"} & {*noise.estimated},
         warnings=noise.warnings,
     )
+    return replace(judged, steps=options.steps)
 
 
 def judge_navigation(run: NavRun, options: Options, tell: Tell = lambda _: None) -> Judged:
@@ -169,17 +178,16 @@ def model_for(run: RigRun | NavRun, options: Options) -> SensorModel:
     Raises
     ------
     InputError
-        If a group is not known or the run has no temperatures for it.
+        If a group is not known, or the run or the mode has not what it needs.
     """
     groups = [*BASIC, *options.groups]
     if options.mode == "precise":
         groups.append(TIME_OFFSET)
-    warm = [g for g in groups if "temperature" in g]
-    if warm and run.temp_c is None:
-        raise InputError(run.source, "temp_c", f"missing; {warm[0]} needs temperatures")
+    check_needs(groups, run, options.mode)
     try:
         return sensor_model(
             tuple(dict.fromkeys(groups)),
+            more=[step.maker for step in options.steps],
             t_ref_c=options.t_ref_c,
             gravity_m_s2=run.facts.site.gravity_m_s2,
         )

@@ -36,6 +36,7 @@ GROUP_SIGMAS: Mapping[str, float] = {
     "rig_angle_harmonic": 120.0 * ARCMIN / 60.0,
     "rig_angle_harmonic_2": 120.0 * ARCMIN / 60.0,
 }
+MOUNT_SIGMA_RAD = float(np.deg2rad(1.0))  # the article's
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -61,7 +62,7 @@ class RigPrior:
 
     values: FloatArray
     cov: FloatArray
-    mount_sigma_rad: float = np.pi / 180.0
+    mount_sigma_rad: float = MOUNT_SIGMA_RAD
     remount_sigma_rad: float = 0.0
     base_sigma_rad: float = 0.5
     start_sigma_rad: float = 0.5
@@ -78,7 +79,7 @@ class PriorFile(BaseModel):
 
     sigma: dict[str, Annotated[float, Field(ge=0, allow_inf_nan=False)]] = {}
     mean: dict[str, Annotated[float, Field(allow_inf_nan=False)]] = {}
-    mount_sigma_rad: Annotated[float, Field(ge=0, le=1)] = float(np.pi / 180.0)
+    mount_sigma_rad: Annotated[float, Field(ge=0, le=1)] = MOUNT_SIGMA_RAD
     remount_sigma_rad: Annotated[float, Field(ge=0, le=1)] = 0.0
 
 
@@ -96,7 +97,7 @@ def group_of(name: str) -> str:
     return max(found, key=len)
 
 
-def _sigma_of(name: str, given: Mapping[str, float]) -> float:
+def prior_sigma(name: str, given: Mapping[str, float] = {}) -> float:
     """Return an unknown's sigma: its own, its group's, or 0 for what is no group's."""
     sigmas = {**GROUP_SIGMAS, **given}
     if name in sigmas:
@@ -122,7 +123,7 @@ def make_prior(sensors: SensorModel, file: PriorFile | None = None) -> RigPrior:
         for name in getattr(given, part):
             if name not in known or (part == "mean" and name not in names):
                 raise InputError("the priors", f"{part}.{name}", "not an unknown of this model")
-    sigmas = np.array([_sigma_of(name, given.sigma) for name in names])
+    sigmas = np.array([prior_sigma(name, given.sigma) for name in names])
     values = sensors.start_values()
     for name, value in given.mean.items():
         values[names.index(name)] = value

@@ -18,6 +18,7 @@ from sinscal.terms import GROUPS
 # the rig's own parameters stay on the rig; a flight is at the reference temperature
 LEFT_ON_THE_RIG = "rig_"
 NEEDS_TEMPERATURE = "temperature"
+STEP = "_step_"
 FLYING = tuple(g for g in GROUPS if LEFT_ON_THE_RIG not in g and NEEDS_TEMPERATURE not in g)
 SYMMETRY = 1e-6  # of correlations
 # Rounding in a filter leaves the correlation matrix this short of no negative variance.
@@ -81,12 +82,18 @@ class Calibration:
         """Take what flies out of a rig calibration's parameters.
 
         The rig's own parameters are left out, and so is what changes with temperature: the flight
-        is taken to be at the reference temperature.
+        is taken to be at the reference temperature. A jump of a constant error is over by then: its
+        size is part of the constant error.
         """
         cov = np.asarray(cov, dtype=float)
         if cov.shape != (len(names), len(names)):
             raise ValueError(f"the covariance has shape {cov.shape}, expected {(len(names),) * 2}")
-        out = (LEFT_ON_THE_RIG, NEEDS_TEMPERATURE)
+        jumped = [k for k, name in enumerate(names) if STEP in name]
+        into = np.eye(len(names))
+        for k in jumped:
+            into[names.index(names[k].replace(STEP, "_")), k] = 1.0
+        cov = into @ cov @ into.T
+        out = (LEFT_ON_THE_RIG, NEEDS_TEMPERATURE, STEP)
         keep = [k for k, name in enumerate(names) if not any(part in name for part in out)]
         return cls(names=tuple(names[k] for k in keep), cov=cov[np.ix_(keep, keep)])
 

@@ -18,8 +18,10 @@ from sinscal.judged import Judged
 from sinscal.observability import GAUGE
 from sinscal.priors import group_of
 from sinscal.resultcontent import MOUNT, result_content, rig_estimates
+from sinscal.rig_model_file import BiasStep
 from sinscal.run import NavRun, RigRun
 from sinscal.sensors import SensorModel, sensor_model
+from sinscal.terms import BASIC
 
 FORMAT = "accelbench-rig-calibration"
 VERSION = 1
@@ -120,6 +122,8 @@ class ResultContent(_Part):
 class RigResult(ResultContent):
     """RESULT.json of `accelbench rig calibrate`."""
 
+    steps: tuple[BiasStep, ...] = ()
+
     @model_validator(mode="after")
     def _fits(self) -> Self:
         if self.format != FORMAT:
@@ -136,7 +140,12 @@ class RigResult(ResultContent):
     @property
     def sensors(self) -> SensorModel:
         """The sensor model the values belong to."""
-        return sensor_model(self.groups, t_ref_c=self.t_ref_c, gravity_m_s2=self.gravity_m_s2)
+        return sensor_model(
+            self.groups,
+            more=[step.maker for step in self.steps],
+            t_ref_c=self.t_ref_c,
+            gravity_m_s2=self.gravity_m_s2,
+        )
 
     @property
     def values(self) -> FloatArray:
@@ -150,9 +159,8 @@ R = TypeVar("R", bound=ResultContent)
 def make_result(judged: Judged, run: RigRun | NavRun) -> RigResult:
     """Make the result file of a calibration."""
     found = judged.found
-    groups = tuple(dict.fromkeys(group_of(n) for n in found.sensors.names))
     content = result_content(judged, run, rig_estimates(found))
-    return signed(RigResult(groups=groups, **content))
+    return signed(RigResult(groups=_groups(found.sensors), steps=judged.steps, **content))
 
 
 def signed(result: R) -> R:
@@ -208,3 +216,12 @@ def checked_result(data: Any, kind: type[R], path: Path | str) -> R:
     if result_digest(result) != result.result_id:
         raise InputError(path, "result_id", "does not fit the content: the file was changed")
     return result
+
+
+def _groups(sensors: SensorModel) -> tuple[str, ...]:
+    """Return a model's groups in an order that gives its names' order again.
+
+    Accelerometer x has no misalignment: what is added after the basic groups would come before it.
+    """
+    there = dict.fromkeys(group_of(n) for n in sensors.names)
+    return tuple(dict.fromkeys([*(g for g in BASIC if g in there), *there]))

@@ -6,6 +6,14 @@ from dataclasses import dataclass
 from sinscal.run import RigRun
 from sinscal.terms import GROUPS, TIME_OFFSET, Kind
 
+# The factors that innovations may follow, and effects live in.
+PHASE, RATE, CYCLE, TIME, TEMPERATURE = (
+    "rotation phase",
+    "rate",
+    "cycle",
+    "time in run",
+    "temperature",
+)
 # Warming by less than this tells nothing of temperature.
 LEAST_WARMING_C = 1.0
 
@@ -23,6 +31,8 @@ class RigEffect:
         What it is.
     experiment : str
         What would isolate it.
+    follows : str
+        The factor that its error of the readings follows.
     needs : {"", "angle", "temperature"}
         What the recording must hold for it to show.
     step : str, optional
@@ -33,6 +43,7 @@ class RigEffect:
     groups: tuple[str, ...] = ()
     sentence: str
     experiment: str
+    follows: str
     needs: str = ""
     step: Kind | None = None
 
@@ -53,10 +64,17 @@ class RigEffect:
         return lambda name: any(name == s or name.startswith(f"{s}_") for s in starts)
 
 
-def _of_group(name: str, sentence: str, experiment: str, needs: str = "") -> RigEffect:
+def _of_group(
+    name: str, sentence: str, experiment: str, follows: str, needs: str = ""
+) -> RigEffect:
     assert name in GROUPS
     return RigEffect(
-        name=name, groups=(name,), sentence=sentence, experiment=experiment, needs=needs
+        name=name,
+        groups=(name,),
+        sentence=sentence,
+        experiment=experiment,
+        follows=follows,
+        needs=needs,
     )
 
 
@@ -66,68 +84,80 @@ EFFECTS: tuple[RigEffect, ...] = (
         "lever_arm",
         "The sensing masses stand off the centre of rotation and feel its acceleration.",
         "turn at several rates, among them fast ones: the force grows with the rate squared",
+        RATE,
     ),
     _of_group(
         "gyro_g_sensitivity",
         "The gyros' drift changes with the specific force.",
         "turn slowly both ways about each axis in turn, so that gravity goes round in the body",
+        PHASE,
     ),
     _of_group(
         TIME_OFFSET,
         "The rig's clock is ahead: its angle belongs to a later time.",
         "turn at several rates both ways: the angle's error is proportional to the rate",
+        RATE,
         "angle",
     ),
     RigEffect(
         name="rig_mount",
         sentence="The SINS is mounted askew on the platform.",
         experiment="turn about two instrument axes at least without re-mounting",
+        follows=PHASE,
         needs="angle",
     ),
     _of_group(
         "rig_angle_harmonic",
         "The encoder's error has one period a turn.",
         "turn through whole turns at a low rate both ways",
+        PHASE,
         "angle",
     ),
     _of_group(
         "gyro_scale_asymmetry",
         "The gyros' scale factors differ between turning one way and the other.",
         "turn about each axis at the same rates both ways, with the rig's angle recorded",
+        RATE,
     ),
     _of_group(
         "accel_second_order",
         "The accelerometers' outputs have a part proportional to the input squared.",
         "turn about horizontal axes in whole turns, so that each accelerometer sees from -g to +g",
+        PHASE,
     ),
     _of_group(
         "accel_temperature_bias",
         "The accelerometers' constant errors change with temperature.",
         _WARM,
+        TEMPERATURE,
         "temperature",
     ),
     _of_group(
         "accel_temperature_scale",
         "The accelerometers' scale factors change with temperature.",
         _WARM,
+        TEMPERATURE,
         "temperature",
     ),
     _of_group(
         "gyro_temperature_drift",
         "The gyros' drifts change with temperature.",
         _WARM,
+        TEMPERATURE,
         "temperature",
     ),
     RigEffect(
         name="gyro_bias_step",
         sentence="The constant errors of the gyros jumped.",
         experiment="repeat the run: a jump does not come again at the same time",
+        follows=TIME,
         step="gyro",
     ),
     RigEffect(
         name="accel_bias_step",
         sentence="The constant errors of the accelerometers jumped.",
         experiment="repeat the run: a jump does not come again at the same time",
+        follows=TIME,
         step="accel",
     ),
 )

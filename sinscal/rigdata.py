@@ -130,13 +130,10 @@ class Nominal:
 def cycle_data(run: RigRun, interval_s: float) -> tuple[CycleData, ...]:
     """Cut a run into its cycles and these into intervals."""
     out: list[CycleData] = []
-    now_s = 0.0
+    begins_s = run.begin_of_cycle_s
     for k, rows in enumerate(run.cycles):
         step_s = run.step_s[rows]
         time_s = run.time_s[rows] - run.time_s[rows][0] + step_s[0]
-        # times may go on from cycle to cycle or begin anew in each
-        begin_s = max(now_s, float(run.time_s[rows][0] - run.time_s[0]))
-        now_s = begin_s + float(time_s[-1])
         axes = run.facts.axis_of_cycle
         angle = None if run.rig_angle_rad is None else np.unwrap(run.rig_angle_rad[rows])
         out.append(
@@ -148,7 +145,7 @@ def cycle_data(run: RigRun, interval_s: float) -> tuple[CycleData, ...]:
                     f=run.accel[rows],
                     dw=rate_derivative(run.gyro[rows], step_s),
                     temp_c=None if run.temp_c is None else run.temp_c[rows],
-                    begin_s=begin_s,
+                    begin_s=begins_s[k],
                 ),
                 good=~np.asarray(run.flag, dtype=np.bool_)[rows],
                 first=interval_rows(time_s, step_s, interval_s),

@@ -63,7 +63,7 @@ def iterated(
 ) -> Pass:
     """Filter, improve the nominal, and again, until nothing moves by `enough` sigmas.
 
-    Derivatives are those of the first nominal from which little moves: a chord, not a tangent.
+    Derivatives are those of the first nominal from which little moves (`CHORD_SIGMAS`).
 
     Parameters
     ----------

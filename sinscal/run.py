@@ -66,6 +66,8 @@ class RigRun:
         The platform's angle; in the row of time t it is that of t + τ.
     flag : ndarray of bool, shape (n,)
         Rows that must not be used as measurements (dropouts, saturation, known shocks).
+    begins_s : tuple of float, optional
+        When each cycle began, from the start of the whole run; by default as the times tell.
     facts : RigFacts
     source : str
     warnings : tuple of str
@@ -81,6 +83,7 @@ class RigRun:
     temp_c: FloatArray | None = None
     rig_angle_rad: FloatArray | None = None
     flag: BoolArray | None = None
+    begins_s: tuple[float, ...] | None = None
     source: str = "the run"
     warnings: tuple[str, ...] = ()
 
@@ -112,9 +115,23 @@ class RigRun:
         """The rows of each cycle."""
         return _slices(self.cycle)
 
+    @property
+    def begin_of_cycle_s(self) -> tuple[float, ...]:
+        """When each cycle began: times may go on from cycle to cycle or begin anew in each."""
+        if self.begins_s is not None:
+            return self.begins_s
+        begins: list[float] = []
+        now_s = 0.0
+        for rows in self.cycles:
+            begins.append(max(now_s, float(self.time_s[rows][0] - self.time_s[0])))
+            length = self.time_s[rows][-1] - self.time_s[rows][0] + self.step_s[rows][0]
+            now_s = begins[-1] + float(length)
+        return tuple(begins)
+
     def take_cycles(self, wanted: Sequence[int]) -> "RigRun":
         """Return some of the cycles as a run of their own, numbered anew."""
         slices = self.cycles
+        begins = self.begin_of_cycle_s
         rows = np.concatenate([np.arange(len(self))[slices[k]] for k in wanted])
         axes = self.facts.axis_of_cycle
         kept = None if axes is None else tuple(axes[k] for k in wanted)
@@ -130,6 +147,7 @@ class RigRun:
             temp_c=None if self.temp_c is None else self.temp_c[rows],
             rig_angle_rad=None if self.rig_angle_rad is None else self.rig_angle_rad[rows],
             flag=flag[rows],
+            begins_s=tuple(begins[k] for k in wanted),
             facts=facts,
             source=self.source,
             warnings=self.warnings,

@@ -11,6 +11,7 @@ from thermo.effects_user import load_effects
 from thermo.fitting import TermsFile, read_terms
 from thermo.modelfile import dump_model, read_model
 from thermo.recording import RecordedRuns, read_runs
+from workbench.commands_discrepancy_rig import discrepancy_rig
 from workbench.console import emit
 from workbench.discrepancy_output import discrepancy_document, discrepancy_text
 from workbench.larger_model import fitted_file, larger_terms, larger_toml
@@ -26,7 +27,11 @@ from workbench.outputs import (
 @click.command()
 @click.argument("kind", type=click.Choice(["thermal", "rig"]), metavar="thermal|rig")
 @click.argument("files", nargs=-1, required=True, metavar="RUN.csv…", type=Path)
-@click.option("--model", type=Path, help="The present model: TERMS.toml, or MODEL.json of a fit.")
+@click.option(
+    "--model",
+    type=Path,
+    help="The present model: TERMS.toml, or MODEL.json of a fit; of a rig, MODEL.toml.",
+)
 @click.option("--effects", type=Path, help="A file of effects of your own.")
 @click.option("--out", type=Path, help="MODEL.toml, the larger model; MODEL.json beside it.")
 @click.option("--report", type=Path, help="Folder for the report and its figures.")
@@ -56,13 +61,17 @@ def discrepancy(
 ) -> None:
     """Find where runs and model disagree, and name the effect that is missing.
 
-    Without --model the present model is k0 and k1, each quadratic in temperature. In Python:
-    thermo.discrepancy.find_discrepancy.
+    Without --model the present model is k0 and k1, each quadratic in temperature; of a SINS on a
+    rig, biases, scale errors and misalignments. In Python: thermo.discrepancy.find_discrepancy,
+    sinscal.discrepancy.find_rig_discrepancy.
     """
     if kind == "rig":
-        given = {"--model": model, "--effects": effects, "--experiment-out": experiment_out,
-                 "--report": report, "--workers": workers > 1}  # fmt: skip
-        _rig(files, [name for name, value in given.items() if value], out, seed, force, as_json)
+        thermal_only = {"--effects": effects, "--experiment-out": experiment_out,
+                        "--workers": workers > 1}  # fmt: skip
+        for name, value in thermal_only.items():
+            if value:
+                raise InputError("discrepancy rig", name, "belongs to discrepancy thermal only")
+        discrepancy_rig(files, model, out, report, seed=seed, force=force, as_json=as_json)
         return
     inputs = [*with_sidecars(list(files)), *(p for p in (model, effects) if p)]
     for path in (p for p in (out, experiment_out) if p):
@@ -90,34 +99,6 @@ def discrepancy(
         document["report"] = str(report / REPORT_NAME)
         text.append(f"report: {report / REPORT_NAME}")
     write_files(written)
-    emit(document, text, as_json=as_json)
-
-
-def _rig(
-    files: tuple[Path, ...],
-    foreign: list[str],
-    out: Path | None,
-    seed: int,
-    force: bool,
-    as_json: bool,
-) -> None:
-    """Search the innovations of the rig filter, over cycles that follow one another."""
-    from sinscal.discrepancy import find_rig_discrepancy
-    from sinscal.recording import read_rig_run
-    from sinscal.run_join import join_runs
-    from workbench.rig_discrepancy_output import enlarged, rig_document, rig_text
-
-    if foreign:
-        raise InputError("discrepancy rig", foreign[0], "belongs to discrepancy thermal only")
-    if out is not None:
-        checked_output(out, with_sidecars(list(files)), force=force)
-    run = join_runs([read_rig_run(f) for f in files])
-    found = find_rig_discrepancy(run, seed=seed, tell=_tell)
-    document, text = rig_document(found), list(rig_text(found))
-    if out is not None:
-        write_files([(out, enlarged(found).encode())])
-        document["out"] = str(out)
-        text.append(f"larger model: {out}")
     emit(document, text, as_json=as_json)
 
 

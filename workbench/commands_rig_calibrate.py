@@ -12,8 +12,10 @@ from sinscal.holdout import EACH, LAST, NONE, Held
 from sinscal.judged import Judged, Options, calibrate_and_judge, judge_navigation
 from sinscal.priors import read_priors
 from sinscal.recording import compensated_with, read_nav_run, read_rig_run, write_rig_run
+from sinscal.resultcontent import run_digest
 from sinscal.resultfile import RigResult, dump_result, make_result
 from sinscal.rig_compensation import compensate_run
+from sinscal.rig_model_file import RigModelFile, read_rig_model
 from sinscal.run import NavRun, RigRun
 from sinscal.run_join import join_runs
 from workbench.combined_file import CombinedResult, read_calibration
@@ -49,9 +51,10 @@ def _held(ctx: click.Context, param: click.Parameter, value: str) -> Held:
 @click.option(
     "--mode",
     type=click.Choice(["coarse", "precise", NAVIGATION]),
-    default="coarse",
-    help="Raw sensors; raw sensors and the rig's angle; navigation outputs.",
+    help="Raw sensors; raw sensors and the rig's angle; navigation outputs. By default as --model "
+    "says, else coarse.",
 )
+@click.option("--model", type=Path, help="MODEL.toml of discrepancy rig: estimate its terms too.")
 @click.option(
     "--groups", multiple=True, metavar="NAME", help="Also estimate, e.g. lever_arm; repeatable."
 )
@@ -69,7 +72,7 @@ def _held(ctx: click.Context, param: click.Parameter, value: str) -> Held:
 @click.option("--axis-wobble", type=click.FloatRange(min=0.0, min_open=True),
               help="Bound of the rig axis's movement, ″/√Hz; the angle's noise if not given.",
               )  # fmt: skip
-@click.option("--t-ref-c", type=float, default=25.0, help="Reference temperature.")
+@click.option("--t-ref-c", type=float, help="Reference temperature: --model's, else 25.")
 @click.option("--holdout", callback=_held, default=LAST, metavar="N|last|each|none",
               help="Cycle to judge by the others.")  # fmt: skip
 @click.option("--out", type=Path, help="RESULT.json to write.")
@@ -78,7 +81,8 @@ def _held(ctx: click.Context, param: click.Parameter, value: str) -> Held:
 @json_option
 def calibrate(
     files: tuple[Path, ...],
-    mode: str,
+    mode: str | None,
+    model: Path | None,
     groups: tuple[str, ...],
     priors: Path | None,
     interval_s: float,
@@ -87,7 +91,7 @@ def calibrate(
     accel_instability: float,
     instability_tau_s: float,
     axis_wobble: float | None,
-    t_ref_c: float,
+    t_ref_c: float | None,
     holdout: Held,
     out: Path | None,
     report: Path | None,
@@ -99,11 +103,14 @@ def calibrate(
     Several files are cycles of one SINS that follow one another. Exit code 1 when the result is
     not consistent. In Python: sinscal.judged.calibrate_and_judge.
     """
-    inputs = [*with_sidecars(files), *([priors] if priors else [])]
+    inputs = [*with_sidecars(files), *(p for p in (priors, model) if p)]
     check_results(out, report, inputs, force=force)
+    larger = read_rig_model(model) if model else RigModelFile()
+    mode = mode or larger.mode
     options = Options(
         mode="precise" if mode == "precise" else "coarse",
-        groups=asked_groups(groups),
+        groups=(*larger.groups, *asked_groups(groups)),
+        steps=larger.steps,
         priors=read_priors(priors) if priors else None,
         interval_s=interval_s,
         gate=gate,
@@ -111,7 +118,7 @@ def calibrate(
         accel_instability=accel_instability,
         instability_tau_s=instability_tau_s,
         wobble=None if axis_wobble is None else axis_wobble * ARCSEC,
-        t_ref_c=t_ref_c,
+        t_ref_c=larger.t_ref_c if t_ref_c is None else t_ref_c,
         hold_out=holdout,
     )
     run, judged = _calibrated(files, mode, options)
@@ -159,7 +166,8 @@ def _report(judged: Judged, run: RigRun | NavRun, result: RigResult) -> dict[str
 def compensate(file: Path, calibration: Path, out: Path, force: bool, as_json: bool) -> None:
     """Take the calibrated errors out of a rig run's readings.
 
-    Flags, times and the rig's angle stay as they are. A run that is compensated already is
+    Flags, times and the rig's angle stay as they are. A jump that the calibration found is taken
+    out of the run it was found in; in any other it is over. A run that is compensated already is
     refused. In Python: sinscal.rig_compensation.compensate_run.
     """
     checked_run_output(out, [*with_sidecars([file]), calibration], force=force)
@@ -186,6 +194,7 @@ def compensate(file: Path, calibration: Path, out: Path, force: bool, as_json: b
 def _compensated(run: RigRun, result: RigResult | CombinedResult) -> RigRun:
     """Return the run compensated; its temperatures stay as measured."""
     if isinstance(result, RigResult):
-        return compensate_run(run, result.sensors, result.values)
+        later = run_digest(run) != result.run.digest
+        return compensate_run(run, result.sensors, result.values, later=later)
     done = compensate_run(within_range(run, result.valid_c), result.sensors, result.values)
     return replace(done, temp_c=run.temp_c)

@@ -1,25 +1,18 @@
 """The report of a verdict: one page a metrologist would sign, and its figures."""
 
 from collections.abc import Iterator, Sequence
-from typing import Any
 
 from thermo.discrepancy import Discrepancy
 from thermo.recording import RecordedRuns
 from thermo.smallest import smallest_nameable
 from workbench.console import number
 from workbench.discrepancy_output import VERDICT_WORDS, verdict_lines
+from workbench.discrepancy_page import VerdictPage, render_verdicts
 from workbench.figures_discrepancy import draw_factor, draw_gap
 from workbench.fit_output import value_and_sigma
-from workbench.outputs import REPORT_NAME
-from workbench.page import embedded, rendered
-from workbench.plotting import Picture
 
 CONVENTIONS = (
-    "Strength is the whitened size of an effect beside everything else in the model: how many of "
-    "its own sigmas it has. From seven on it can be named.",
-    "p is the probability that noise alone gives as much to any effect of the library; its law "
-    "comes from simulated runs, each with the noise estimated anew.",
-    "Effects within nine of the best in twice the log-likelihood cannot be told apart.",
+    "In each simulated run the noise is estimated anew.",
     "Held out: each run is predicted from the others, the choice of effect repeated without it.",
     "Noise alone is what a run that was not fitted would leave if nothing were missing.",
 )
@@ -38,32 +31,24 @@ def render_discrepancy(found: Sequence[Discrepancy], runs: RecordedRuns) -> dict
     -------
     dict of str to bytes
     """
-    drawn = {d.serial: [draw_factor(d), draw_gap(d)] for d in found}
-    html = rendered(
-        "discrepancy.html.j2",
-        title=f"What is missing from the model of {', '.join(d.serial for d in found):.80}",
-        runs=list(runs.run_ids),
-        pages=[_page(d, drawn[d.serial]) for d in found],
-        conventions=CONVENTIONS,
-    )
-    pictures = {p.name: p.png for many in drawn.values() for p in many}
-    return {REPORT_NAME: html.encode(), **pictures}
+    title = f"What is missing from the model of {', '.join(d.serial for d in found):.80}"
+    return render_verdicts(title, runs.run_ids, [_page(d) for d in found], CONVENTIONS)
 
 
-def _page(d: Discrepancy, drawn: Sequence[Picture]) -> dict[str, Any]:
-    return {
-        "serial": d.serial,
-        "verdict": VERDICT_WORDS[d.verdict],
-        "lines": list(verdict_lines(d)),
-        "effects": [
+def _page(d: Discrepancy) -> VerdictPage:
+    return VerdictPage(
+        name=d.serial,
+        verdict=VERDICT_WORDS[d.verdict],
+        lines=tuple(verdict_lines(d)),
+        effects=tuple(
             (e.name, name, value_and_sigma(p.value, p.sigma), p.unit)
             for e in d.effects
             for name, p in e.parameters.items()
-        ],
-        "figures": [embedded(p) for p in drawn],
-        "rivals": list(_rivals(d)),
-        "noise": _noise(d),
-    }
+        ),
+        pictures=(draw_factor(d), draw_gap(d)),
+        rivals=tuple(_rivals(d)),
+        noise=_noise(d),
+    )
 
 
 def _rivals(d: Discrepancy) -> Iterator[tuple[str, str, str, str]]:

@@ -147,14 +147,10 @@ def _unit_of_row(name: str) -> tuple[str, float]:
     return ("mm/s", 1e-3) if name.startswith("velocity") else ("m", 1.0)
 
 
-def _states(judged: Judged) -> tuple[str, ...]:
-    return judged.found.layout.names
-
-
 def draw_sigmas(judged: Judged) -> Picture:
     """Draw how each group's sigmas fall over time, against the prior's."""
     found = judged.found
-    states = _states(judged)
+    states = judged.found.layout.names
     clock, starts = _clock(judged)
     steps = np.arange(1, len(found.filtered.sigmas) + 1) * EVERY_STEPS - 1
     groups: dict[str, list[int]] = {}

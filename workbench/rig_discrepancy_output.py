@@ -1,20 +1,29 @@
-"""The verdict on a rig run told: as JSON, in words, and as the larger model's groups."""
+"""The verdict on a rig run told: as JSON, in words, and as the larger model."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any
 
+import numpy as np
 from rich.console import RenderableType
 
+from sinscal.consistency import FORCES
 from sinscal.discrepancy import RigDiscrepancy
+from sinscal.discrepancy_holdout import CycleGap
+from sinscal.rig_model_file import BiasStep, FoundValue, RigModelFile
 from workbench.console import number, table
 from workbench.discrepancy_output import VERDICT_WORDS
+from workbench.fit_output import value_and_sigma
+from workbench.rig_calibrate_output import TOLD_IN, told_group
 
 
 def where_words(d: RigDiscrepancy) -> str:
     """Say in words which factor carries the excess."""
     if d.where is None:
         return "The innovations are what the noise stated makes."
-    return f"The excess of the innovations follows {d.where.name} most closely."
+    if d.effects:
+        name = max(d.effects, key=lambda e: e.strength_d).effect.name
+        return f"Most of the excess is in {d.channel}; {name} goes with the {d.where}."
+    return f"Most of the excess is in {d.channel}; it follows the {d.where} most closely."
 
 
 def rig_document(d: RigDiscrepancy) -> dict[str, Any]:
@@ -36,15 +45,12 @@ def rig_document(d: RigDiscrepancy) -> dict[str, Any]:
             for e in d.effects
         ],
         "alias_sets": [list(s) for s in d.alias_sets],
-        "where": {"factor": d.where.name if d.where else None, "text": where_words(d)},
+        "where": {"factor": d.where, "channel": d.channel, "text": where_words(d)},
         "rms_before_si": d.rms_before,
         "rms_after_si": d.rms_after,
         "floor_si": d.floor,
-        "heldout": {
-            "runs": [
-                {"cycle": h.cycle, "before_si": h.before, "after_si": h.after} for h in d.heldout
-            ]
-        },
+        "gaps": [_gap(g) for g in d.gaps],
+        "heldout": {"runs": [_gap(g) for g in d.heldout]},
         "invisible": list(d.invisible),
         "smallest_nameable": {
             n: {"value": v, "unit": u} for n, (v, u) in d.smallest_nameable.items()
@@ -62,20 +68,61 @@ def rig_document(d: RigDiscrepancy) -> dict[str, Any]:
     }
 
 
-def rig_text(d: RigDiscrepancy) -> Iterator[RenderableType]:
-    """Tell the verdict in words and tables."""
-    yield VERDICT_WORDS[d.verdict]
+def _gap(g: CycleGap) -> dict[str, Any]:
+    return {"cycle": g.cycle, "before_si": g.before, "after_si": g.after}
+
+
+def rig_lines(d: RigDiscrepancy) -> Iterator[str]:
+    """Say what was found, in sentences."""
     yield where_words(d)
     for e in d.effects:
         strength, p = number(e.strength_d, 3), number(e.p_value, 2)
-        yield f"{e.effect.name}: {e.effect.sentence} Strength {strength}, p {p}"
+        yield f"{e.effect.name}: {e.effect.sentence} Strength {strength}, p {p}."
     for s in d.alias_sets:
         yield f"This run cannot tell apart: {', '.join(s)}."
+    for slot in d.result.slots if d.effects else ():
+        excluded = [f"{n} (by {number(b, 3)})" for n, b in slot.rivals if n not in slot.alias][:3]
+        if excluded:
+            yield f"Next to {slot.choice.name}, excluded: {', '.join(excluded)}."
+    if d.verdict.startswith("unexplained") and d.result.slots:
+        partial = ", ".join(s.choice.name for s in d.result.slots)
+        share = number(100 * d.judgement.explained_share, 2)
+        yield f"The best of the library, {partial}, would explain {share} % of it only: no name."
+    before, after, floor = (rms_of_forces(v) for v in (d.rms_before, d.rms_after, d.floor))
+    yield (
+        f"Innovations of the forces {number(before, 3)} m/s² rms with the present model, "
+        f"{number(after, 3)} m/s² with the effect; noise alone {number(floor, 3)} m/s²."
+    )
+    if d.invisible:
+        yield f"This run cannot show at all: {', '.join(d.invisible)}."
+    if d.experiment:
+        yield f"Next experiment: {d.experiment}."
+
+
+def rms_of_forces(by_channel: Mapping[str, float]) -> float:
+    """Return the rms over the channels of force."""
+    forces = [v for n, v in by_channel.items() if n in FORCES]
+    return float(np.sqrt(np.mean(np.square(forces)))) if forces else float("nan")
+
+
+def told_parameters(d: RigDiscrepancy) -> Iterator[tuple[str, str, str, str]]:
+    """Yield effect, parameter, value and sigma, and the unit people tell it in."""
+    for e in d.effects:
+        for name, p in e.parameters.items():
+            unit, size = (p.unit, 1.0)
+            if p.unit != "s" or name == "rig_time_offset":
+                unit, size = TOLD_IN.get(told_group(name), (p.unit, 1.0))
+            yield e.effect.name, name, value_and_sigma(p.value / size, p.sigma / size), unit
+
+
+def rig_text(d: RigDiscrepancy) -> Iterator[RenderableType]:
+    """Tell the verdict in words and tables."""
+    yield VERDICT_WORDS[d.verdict]
+    yield from rig_lines(d)
     if d.effects:
-        made = table("parameter", "value", "sigma", "unit", right=("value", "sigma"))
-        for e in d.effects:
-            for name, p in e.parameters.items():
-                made.add_row(name, number(p.value), number(p.sigma, 2), p.unit)
+        made = table("effect", "parameter", "value ± 1 σ", "unit", right=("value ± 1 σ",))
+        for row in told_parameters(d):
+            made.add_row(*row)
         yield made
     names = ("before", "after", "noise alone")
     gaps = table("innovations, rms (m/s², rad)", *names, right=names)
@@ -83,18 +130,29 @@ def rig_text(d: RigDiscrepancy) -> Iterator[RenderableType]:
         row = (d.rms_before.get(name, float("nan")), d.rms_after[name], floor)
         gaps.add_row(name, *(number(v, 3) for v in row))
     yield gaps
-    if d.invisible:
-        yield f"This run cannot show at all: {', '.join(d.invisible)}."
-    if d.experiment:
-        yield f"Next experiment: {d.experiment}."
 
 
-def enlarged(d: RigDiscrepancy) -> str:
-    """Return TOML: the groups that `rig calibrate --groups` takes, and what was found."""
-    groups = [f'"{g}"' for e in d.effects for g in e.effect.groups]
-    lines = [f'mode = "{d.source.mode}"', f"groups = [{', '.join(groups)}]", ""]
-    for e in d.effects:
-        lines += [f"# {e.effect.sentence}", f"[effects.{e.effect.name}]"]
-        lines += [f"{n} = {p.value:.9g} # sigma {p.sigma:.2g} {p.unit}"
-                  for n, p in e.parameters.items()]  # fmt: skip
-    return "\n".join(lines) + "\n"
+def enlarged(d: RigDiscrepancy) -> RigModelFile:
+    """Return the larger model: the present one and what was found."""
+    present = d.source.present
+    steps = [
+        BiasStep(kind=e.effect.step, at_s=e.parameters[f"{e.effect.name}_at_s"].value)
+        for e in d.effects
+        if e.effect.step in ("gyro", "accel")
+    ]
+    found = {
+        e.effect.name: {
+            n: FoundValue(value=p.value, sigma=p.sigma, unit=p.unit)
+            for n, p in e.parameters.items()
+        }
+        for e in d.effects
+    }
+    groups = (*present.groups, *(g for e in d.effects for g in e.effect.groups))
+    return RigModelFile(
+        mode=d.source.mode,
+        t_ref_c=present.t_ref_c,
+        groups=tuple(dict.fromkeys(groups)),
+        mount=present.mount or "rig_mount" in found,
+        steps=(*present.steps, *steps),
+        effects={**present.effects, **found},
+    )

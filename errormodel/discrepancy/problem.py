@@ -11,6 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from errormodel.arrays import FloatArray
 from errormodel.discrepancy.coloured import NoiseShape, TimeBase
@@ -105,6 +106,8 @@ class Problem:
         When they are known.
     events : frozenset of str
         Names of effects that a new run would not repeat.
+    bounded : ndarray of bool, shape (n,), optional
+        Samples whose noise is no larger than `sigma`, and may be far less.
     """
 
     times: TimeBase
@@ -116,6 +119,7 @@ class Problem:
     noise: NoiseShape | None = None
     sigma: float | None = None
     events: frozenset[str] = frozenset()
+    bounded: NDArray[np.bool_] | None = None
 
     def __post_init__(self) -> None:
         n = len(self.times)
@@ -135,5 +139,6 @@ def independent(columns: FloatArray, share: float = 1e-6) -> FloatArray:
         return np.zeros((columns.shape[0], 0))
     values, vectors = np.linalg.eigh(scaled.T @ scaled)
     kept = values > max(share, 1e-11) * values[-1]
-    basis, _ = np.linalg.qr(scaled @ (vectors[:, kept] / np.sqrt(values[kept])))
-    return basis
+    basis = scaled @ (vectors[:, kept] / np.sqrt(values[kept]))
+    # rounding leaves the columns this much short of orthonormal: 1e-10 at the least share but one
+    return basis if share >= 1e-6 else np.linalg.qr(basis)[0]

@@ -109,7 +109,17 @@ class Search:
             return ranked
         steady = [r for r in ranked if not r.found.candidate.event]
         made = [*steady, *self._events(view)]
-        return self._in_order(view, sorted(made, key=lambda r: -r.score))
+        ranked = sorted(made, key=lambda r: -r.score)
+        return self._in_order(view, self._lasting_first(view, ranked))
+
+    def _lasting_first(self, view: View, ranked: list[Ranked]) -> list[Ranked]:
+        """Leave out what happens once where one run is all there is and something else enters.
+
+        What repeats can then be tested by a second run; a step that happened beside it cannot, and
+        a step of free instant imitates a loop that turns back but once.
+        """
+        lasting = _lasting(view, ranked)
+        return lasting if any(self._enters(r) for r in lasting) else ranked
 
     def _events(self, view: View) -> list[Ranked]:
         """Return the events where they are likeliest."""
@@ -224,6 +234,8 @@ class Search:
             steady = [r for r in ranked if not r.found.candidate.event]
             ranked = [*self._events(view), *self._beside_own_noise(view, steady)]
             ranked = sorted(ranked, key=lambda r: -r.score)
+            if present.name not in view.problem.events:
+                ranked = _lasting(view, ranked)
             able = (r for r in ranked if r.found.candidate.event or r.p_value < self.rules.alpha)
             first = next(able)
             ranked = [first, *(r for r in ranked if r is not first)]
@@ -246,7 +258,7 @@ class Search:
         below = [(r.found.candidate.name, top - r.score) for r in ranked]
         return Slot(
             choice=Choice(name, best.theta, rich=present.rich and name == present.name),
-            gain=_gain(view, best),
+            gain=_gain(view, best) if best.candidate.event else best.gain,
             p_value=p_value,
             rivals=tuple(below[1:]),
             alias=tuple(n for n, b in below if b < self.rules.alias),
@@ -274,6 +286,13 @@ class Search:
             grid_gain=max(plain.found.grid_gain, rich.grid_gain),
         )
         return Ranked(found, plain.score + rich.gain - plain.found.gain - 2.0 * more, plain.p_value)
+
+
+def _lasting(view: View, ranked: list[Ranked]) -> list[Ranked]:
+    """Return what may repeat, where one run is all there is and all are judged as events."""
+    if not all(c.event for c in view.problem.candidates):
+        return ranked
+    return [r for r in ranked if r.found.candidate.name not in view.problem.events]
 
 
 def _gain(view: View, one: Found) -> float:

@@ -19,7 +19,11 @@ LIMIT_S = 600.0  # for one answer
 
 
 def ask_workflow(
-    folder: Path, program: Path, *options: str, files: Sequence[str] = ("run.csv",)
+    folder: Path,
+    program: Path,
+    *options: str,
+    kind: str = "thermal",
+    files: Sequence[str] = ("run.csv",),
 ) -> dict[str, Any]:
     """Run the command on a data set.
 
@@ -31,6 +35,7 @@ def ask_workflow(
         Root of the program that answers.
     *options : str
         Further options of the command.
+    kind : {"thermal", "rig"}
     files : sequence of str
         Names in the folder.
 
@@ -46,7 +51,7 @@ def ask_workflow(
         "OPENBLAS_NUM_THREADS": "1",
         "PYTHONDONTWRITEBYTECODE": "1",
     }
-    words = [sys.executable, "-c", ENTRY, "discrepancy", "thermal", *files, "--json", *options]
+    words = [sys.executable, "-c", ENTRY, "discrepancy", kind, *files, "--json", *options]
     try:
         done = subprocess.run(
             words,

@@ -1,8 +1,9 @@
 """The blind benchmark: write data sets, let the workflow answer, only then open the keys.
 
     python -m tests.hidden.benchmark --part full --work build/hidden
+    python -m tests.hidden.benchmark --kind rig --work build/hidden-rig
 
-Each data set is answered by `accelbench discrepancy thermal FILE --json` in a process of its own,
+Each data set is answered by `accelbench discrepancy KIND FILE --json` in a process of its own,
 which is given a folder without keys. A set already answered is not run again; with `--minutes` the
 run ends in time and goes on when called again. Exit 1 when an acceptance rate is not reached.
 """
@@ -13,21 +14,42 @@ import math
 import secrets
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from tests.hidden.answering import ask_workflow
-from tests.hidden.chamber_truth import Recipe, write_set
+from tests.hidden.chamber_truth import write_set
 from tests.hidden.plan import PARTS
-from tests.hidden.scoring import Scored, acceptance, score
-from tests.hidden.summary import page, picture, table
+from tests.hidden.rig_plan import RIG_PARTS
+from tests.hidden.rig_scoring import RIG
+from tests.hidden.rig_sets import write_rig_set
+from tests.hidden.scoring import Scored, score
+from tests.hidden.summary import THERMAL, Subject, page, picture, table
 
 ROOT = Path(__file__).parents[2]
 FIXED_SEED = 5
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Kind:
+    """One of the workflows: its data sets, who writes them, and how its page is called."""
+
+    name: str
+    parts: Mapping[str, Callable[[], Sequence[Any]]]
+    write: Callable[[Path, Path, Any, Sequence[int]], object]
+    subject: Subject
+    page: str
+
+
+CHAMBER = Kind(name="thermal", parts=PARTS, write=write_set, subject=THERMAL, page="hidden-effects")
+RIGS = Kind(
+    name="rig", parts=RIG_PARTS, write=write_rig_set, subject=RIG, page="hidden-rig-effects"
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -35,8 +57,9 @@ class Bench:
     """Where data, keys and answers of a benchmark lie, and whose answers they are."""
 
     work: Path
-    recipes: Sequence[Recipe]
+    recipes: Sequence[Any]
     seed: int
+    kind: Kind = CHAMBER
     program: Path = ROOT
 
     def name(self, number: int) -> str:
@@ -54,12 +77,12 @@ class Bench:
     def write(self, number: int) -> None:
         """Write a data set and its key."""
         recipe = self.recipes[number]
-        write_set(self.folder(number), self.key(number), recipe, [self.seed, number])
+        self.kind.write(self.folder(number), self.key(number), recipe, [self.seed, number])
 
     def ask(self, number: int) -> None:
         """Let the workflow answer; what it may read is the one folder."""
         self.answer(number).parent.mkdir(parents=True, exist_ok=True)
-        answer = ask_workflow(self.folder(number), self.program)
+        answer = ask_workflow(self.folder(number), self.program, kind=self.kind.name)
         unfinished = self.answer(number).with_suffix(".part")
         unfinished.write_text(json.dumps(answer), encoding="utf-8")
         unfinished.rename(self.answer(number))
@@ -132,9 +155,11 @@ def _same_benchmark(bench: Bench) -> None:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description="Blind benchmark of `discrepancy thermal`.")
+    parser = argparse.ArgumentParser(description="Blind benchmark of `discrepancy`.")
+    kinds = {kind.name: kind for kind in (CHAMBER, RIGS)}
+    parser.add_argument("--kind", choices=list(kinds), default=CHAMBER.name)
     parser.add_argument("--part", choices=list(PARTS), default="full")
-    parser.add_argument("--work", type=Path, default=ROOT / "build/hidden")
+    parser.add_argument("--work", type=Path, help="by default build/hidden-KIND")
     parser.add_argument("--program", type=Path, default=ROOT, help="root of what is to answer")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--minutes", type=float, default=math.inf, help="ask no longer than this")
@@ -143,18 +168,22 @@ def main(argv: Sequence[str] | None = None) -> int:
     seeds.add_argument("--fresh", action="store_true", help="seeds that nobody has seen")
     parser.add_argument("--docs", type=Path, help="folder in which to write page and picture")
     asked = parser.parse_args(argv)
+    kind = kinds[asked.kind]
     bench = Bench(
-        work=asked.work.resolve(),
-        recipes=PARTS[asked.part](),
+        work=(asked.work or ROOT / f"build/hidden-{kind.name}").resolve(),
+        recipes=kind.parts[asked.part](),
+        kind=kind,
         seed=secrets.randbits(32) if asked.fresh else asked.seed,
         program=asked.program.resolve(),
     )
     sets = run(bench, workers=asked.workers, minutes=asked.minutes)
-    sys.stdout.write(table(sets) + "\n")
+    subject = kind.subject
+    sys.stdout.write(table(sets, subject) + "\n")
     if asked.docs:
-        (asked.docs / "pictures/hidden-effects.png").write_bytes(picture(sets))
-        (asked.docs / "explanation/hidden-effects.md").write_text(page(sets), encoding="utf-8")
-    return 0 if all(rate.met is not False for rate in acceptance(sets)) else 1
+        (asked.docs / f"pictures/{kind.page}.png").write_bytes(picture(sets, subject))
+        told = asked.docs / f"explanation/{kind.page}.md"
+        told.write_text(page(sets, subject), encoding="utf-8")
+    return 0 if all(rate.met is not False for rate in subject.acceptance(sets)) else 1
 
 
 if __name__ == "__main__":

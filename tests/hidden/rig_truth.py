@@ -9,7 +9,7 @@ All parameters are one flat table, NAME: value, in SI units.
 
 import argparse
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -27,6 +27,10 @@ from tests.hidden.rig_setup import (
     draw_baseline,
     multirate,
 )
+
+# What no table of parameters holds: adds to rates and forces, each (n, 3), of a motion at times t
+# with the sensors' temperatures x from the reference.
+Stranger = Callable[[Motion, Floats, Floats], tuple[Floats, Floats]]
 
 
 class Truth:
@@ -99,7 +103,12 @@ def counted(increments: Floats, quantum: float) -> Floats:
 
 
 def record_cycle(
-    setup: Setup, truth: Truth, number: int, start_s: float, rng: np.random.Generator
+    setup: Setup,
+    truth: Truth,
+    number: int,
+    start_s: float,
+    rng: np.random.Generator,
+    stranger: Stranger | None = None,
 ) -> tuple[pd.DataFrame, Motion]:
     """Move through one cycle and record it."""
     axis = AXES.index(setup.axes[number])
@@ -108,7 +117,11 @@ def record_cycle(
     n = len(motion.omega_ib) // every
     t = start_s + STEP_S * (np.arange(n * every) + 0.5)
     temp = temperatures(setup, t)
-    gyro, accel = measured(truth, _cut(motion, n * every), t, temp - T_REF_C)
+    moved = cut(motion, n * every)
+    gyro, accel = measured(truth, moved, t, temp - T_REF_C)
+    if stranger is not None:
+        more_gyro, more_accel = stranger(moved, t, temp - T_REF_C)
+        gyro, accel = gyro + more_gyro, accel + more_accel
     dt = setup.period_s
     dtheta = dt * gyro.reshape(n, every, 3).mean(axis=1)
     dv = dt * accel.reshape(n, every, 3).mean(axis=1)
@@ -154,10 +167,11 @@ def encoder(
     return angle + wrong + noise * rng.standard_normal(len(t))
 
 
-def _cut(motion: Motion, n: int) -> Motion:
-    """Return the first n steps."""
+def cut(motion: Motion, n: int, every: int = 1) -> Motion:
+    """Return the first n steps, or of these one in so many."""
     names = ("omega_ib", "omega_eb", "alpha_eb", "gravity_b")
-    return replace(motion, **{name: getattr(motion, name)[:n] for name in names})
+    taken = {name: getattr(motion, name)[:n:every] for name in names}
+    return replace(motion, angle=motion.angle[: n + 1 : every], **taken)
 
 
 def write_rig_run(
@@ -168,6 +182,7 @@ def write_rig_run(
     effects: Sequence[str] = (),
     values: Mapping[str, float] | None = None,
     key_path: Path | None = None,
+    stranger: Stranger | None = None,
 ) -> dict[str, object]:
     """Write a recorded rig run and its sidecar; return its answer key.
 
@@ -184,6 +199,8 @@ def write_rig_run(
         Parameters (SI) that override those drawn and those of the effects.
     key_path : Path, optional
         Where to write the key, never beside the data.
+    stranger : callable, optional
+        Adds what is none of the parameters.
 
     Returns
     -------
@@ -206,7 +223,7 @@ def write_rig_run(
     attitudes: list[object] = []
     start_s = 0.0
     for number in range(len(setup.axes)):
-        frame, motion = record_cycle(setup, truth, number, start_s, rng)
+        frame, motion = record_cycle(setup, truth, number, start_s, rng, stranger)
         frames.append(frame)
         attitudes.append(motion.c_nb_start.tolist())
         start_s = float(frame["time_s"].iloc[-1]) + setup.gap_s

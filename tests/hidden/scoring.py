@@ -142,7 +142,7 @@ class Rate:
         )
 
 
-def _count(
+def count(
     text: str,
     sets: Iterable[Scored],
     good: Callable[[Scored], bool],
@@ -154,7 +154,7 @@ def _count(
     return Rate(text=text, good=sum(map(good, chosen)), of=len(chosen), least=least, most=most)
 
 
-def _right(s: Scored) -> bool:
+def right(s: Scored) -> bool:
     return s.outcome in ("named", "alias")
 
 
@@ -165,69 +165,69 @@ def acceptance(sets: Sequence[Scored]) -> list[Rate]:
     library = [s for s in sets if s.group in ("single", "pair", "slow lag", "fast lag")]
     strange = [s for s in of.get("outside", []) if set(s.hidden) <= set(REPEATABLE_OUTSIDE)]
     fleeting = [s for s in of.get("outside", []) if s not in strange]
-    predictive = [s for s in library if _right(s) and not set(s.hidden) & set(NOT_PREDICTIVE)]
+    predictive = [s for s in library if right(s) and not set(s.hidden) & set(NOT_PREDICTIVE)]
     return [
-        _count(
+        count(
             "nothing hidden, white or white + OU: a false verdict",
             (s for s in nothing if s.noise in STEADY),
             lambda s: s.outcome != "silent",
             most=0.02,
         ),
-        _count(
+        count(
             "nothing hidden, random walk or flicker: a false verdict",
             (s for s in nothing if s.noise not in STEADY),
             lambda s: s.outcome != "silent",
             most=0.05,
         ),
-        _count(
+        count(
             "one effect, d ≥ 10: named or in an alias set",
             (s for s in single if s.d >= 9.99),
-            _right,
+            right,
             least=0.98,
         ),
-        _count(
+        count(
             "one effect, 7 ≤ d < 10: named or in an alias set",
             (s for s in single if s.d < 9.99),
-            _right,
+            right,
             least=0.90,
         ),
-        _count(
+        count(
             "an effect of the library hidden: a wrong bare name",
             library,
             lambda s: s.wrong_bare,
             most=0.01,
         ),
-        _count(
+        count(
             "two effects: both found, none extra",
             of.get("pair", []),
-            _right,
+            right,
             least=0.95,
         ),
-        _count(
+        count(
             "outside the library, repeatable, d ≥ 20: said so, with the right factor",
             strange,
             lambda s: s.outcome == "unexplained_repeatable" and s.factor == "temperature",
             least=0.95,
         ),
-        _count(
+        count(
             "outside the library, not repeatable: a bare name or alias set of the library",
             fleeting,
             lambda s: s.outcome in ("wrong name", "wrong alias"),
             most=0.01,
         ),
-        _count(
+        count(
             "third order at 0°, ±90°, 180°: announced as invisible",
             of.get("invisible", []),
             lambda s: "third_order" in s.invisible,
             least=1.0,
         ),
-        _count(
+        count(
             "lag without scale tempco, τ ≥ 60 s: named",
             of.get("slow lag", []),
             lambda s: s.outcome == "named",
             least=0.98,
         ),
-        _count(
+        count(
             "lag without scale tempco, τ ≤ 15 s: alias with the rate bias",
             of.get("fast lag", []),
             lambda s: any(
@@ -235,10 +235,10 @@ def acceptance(sets: Sequence[Scored]) -> list[Rate]:
             ),
             least=0.90,
         ),
-        _count(
+        count(
             "lag without scale tempco, τ ≤ 15 s: named rightly or in an alias set",
             of.get("fast lag", []),
-            _right,
+            right,
             least=0.90,
         ),
         *_held_out(predictive, "found effects that a new run can show"),
@@ -254,13 +254,13 @@ def _held_out(sets: Sequence[Scored], what: str, least: float | None = 0.95) -> 
     """Return how often a run that was not fitted is predicted to the noise, under steady noise."""
     steady = [s for s in sets if s.noise in STEADY and s.heldout_over_noise]
     return [
-        _count(
+        count(
             f"white, white + OU: held-out rms after ≤ 1.05 of the floor stated ({what})",
             steady,
             lambda s: (s.heldout_over_floor or math.inf) <= 1.05,
             least=least,
         ),
-        _count(
+        count(
             f"the same, of the noise drawn ({what})",
             steady,
             lambda s: (s.heldout_over_noise or math.inf) <= 1.05,

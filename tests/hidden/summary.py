@@ -2,7 +2,8 @@
 
 import io
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,31 @@ from matplotlib.figure import Figure
 
 from tests.hidden.chamber_effects import LIBRARY, OUTSIDE
 from tests.hidden.scoring import Rate, Scored, acceptance
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Subject:
+    """What a benchmark is about: its effects, its rates, and how its conditions are called."""
+
+    library: Sequence[str]
+    outside: Sequence[str]
+    acceptance: Callable[[Sequence[Scored]], list[Rate]]
+    groups: Sequence[str]  # of sets with effects of the library
+    conditions: tuple[str, str]  # what `protocol` and `noise` of a set are
+    not_alone: Sequence[str]  # groups that the confusion matrix leaves out
+    template: Path
+
+
+HERE = Path(__file__).parent
+THERMAL = Subject(
+    library=LIBRARY,
+    outside=OUTSIDE,
+    acceptance=acceptance,
+    groups=("single", "pair", "slow lag", "fast lag"),
+    conditions=("protocol", "noise"),
+    not_alone=("pair", "invisible"),
+    template=HERE / "page.template.md",
+)
 
 GOOD, FRANK, WRONG = "#0072B2", "#E69F00", "#D55E00"  # Okabe and Ito
 # outcome: colour; from right to wrong
@@ -26,7 +52,6 @@ OUTCOMES = {
     "failed": "#000000",
 }
 STRENGTHS = ((7.0, 9.99), (9.99, 20.0), (20.0, 50.0), (50.0, 1e9))
-LIBRARY_GROUPS = ("single", "pair", "slow lag", "fast lag")
 
 
 def _verdict_column(s: Scored) -> str:
@@ -45,11 +70,11 @@ def _verdict_column(s: Scored) -> str:
     return s.verdict
 
 
-def confusion(sets: Sequence[Scored]) -> tuple[list[str], list[str], np.ndarray]:
+def confusion(sets: Sequence[Scored], subject: Subject) -> tuple[list[str], list[str], np.ndarray]:
     """Return rows (what was hidden alone), columns (what was said) and counts."""
-    rows = ["nothing", *LIBRARY, *OUTSIDE]
+    rows = ["nothing", *subject.library, *subject.outside]
     columns = [
-        *LIBRARY,
+        *subject.library,
         "alias with it",
         "alias without",
         "unexplained_repeatable",
@@ -59,7 +84,7 @@ def confusion(sets: Sequence[Scored]) -> tuple[list[str], list[str], np.ndarray]
     ]
     counts = np.zeros((len(rows), len(columns)), dtype=int)
     for s in sets:
-        if s.group in ("pair", "invisible"):
+        if s.group in subject.not_alone:
             continue
         truth = next(iter(s.hidden), "nothing")
         said = _verdict_column(s)
@@ -83,14 +108,14 @@ def rate_line(rate: Rate) -> str:
     return f"| {rate.text} | {asked} | {share} | {100 * low:.1f}–{100 * high:.1f} % | {met} |"
 
 
-def rates_table(sets: Sequence[Scored]) -> str:
+def rates_table(sets: Sequence[Scored], subject: Subject) -> str:
     head = "| what | asked | measured | 95 % limits | met |\n|---|---|---|---|---|\n"
-    return head + "\n".join(map(rate_line, acceptance(sets)))
+    return head + "\n".join(map(rate_line, subject.acceptance(sets)))
 
 
-def confusion_table(sets: Sequence[Scored]) -> str:
+def confusion_table(sets: Sequence[Scored], subject: Subject) -> str:
     """Return the confusion matrix as a table: one line for each hidden effect."""
-    rows, columns, counts = confusion(sets)
+    rows, columns, counts = confusion(sets, subject)
     lines = ["| hidden | said (how often) |", "|---|---|"]
     for row, line in zip(rows, counts, strict=True):
         if line.sum():
@@ -100,18 +125,18 @@ def confusion_table(sets: Sequence[Scored]) -> str:
     return "\n".join(lines)
 
 
-def conditions_table(sets: Sequence[Scored]) -> str:
+def conditions_table(sets: Sequence[Scored], subject: Subject) -> str:
     """Return the outcomes of library effects by strength, noise and protocol."""
-    library = [s for s in sets if s.group in LIBRARY_GROUPS]
+    library = [s for s in sets if s.group in subject.groups]
     used = [o for o in OUTCOMES if any(s.outcome == o for s in library)]
     lines = ["| sets | " + " | ".join(used) + " |", "|---|" + "---|" * len(used)]
-    for label, chosen in _slices(library):
+    for label, chosen in _slices(library, subject):
         count = Counter(s.outcome for s in chosen)
         lines.append(f"| {label} | " + " | ".join(str(count[o] or "·") for o in used) + " |")
     return "\n".join(lines)
 
 
-def _slices(sets: Sequence[Scored]) -> list[tuple[str, list[Scored]]]:
+def _slices(sets: Sequence[Scored], subject: Subject) -> list[tuple[str, list[Scored]]]:
     out: list[tuple[str, list[Scored]]] = []
     for low, high in STRENGTHS:
         label = f"d ≥ {low:.0f}" if high > 1e6 else f"{low:.0f} ≤ d < {high:.0f}"
@@ -120,12 +145,12 @@ def _slices(sets: Sequence[Scored]) -> list[tuple[str, list[Scored]]]:
         out.append((noise, [s for s in sets if s.noise == noise]))
     for protocol in sorted({s.protocol for s in sets}):
         out.append((protocol, [s for s in sets if s.protocol == protocol]))
-    for group in LIBRARY_GROUPS:
+    for group in subject.groups:
         out.append((group, [s for s in sets if s.group == group]))
     return [(label, chosen) for label, chosen in out if chosen]
 
 
-def faults(sets: Sequence[Scored]) -> str:
+def faults(sets: Sequence[Scored], subject: Subject) -> str:
     """Return a line for each verdict that was not right, without its seed or folder."""
     lines: list[str] = []
     for s in sets:
@@ -142,8 +167,10 @@ def faults(sets: Sequence[Scored]) -> str:
             f"| {s.group} | {s.protocol} | {s.noise} | {hidden or 'nothing'} | "
             f"{s.verdict}: {said or '–'} | {s.outcome} |"
         )
-    head = "| group | protocol | noise | hidden | said | called |\n|---|---|---|---|---|---|\n"
-    return head + "\n".join(lines)
+    if not lines:
+        return "There was none."
+    head = f"| group | {' | '.join(subject.conditions)} | hidden | said | called |\n"
+    return head + "|---|---|---|---|---|---|\n" + "\n".join(lines)
 
 
 def alias_sizes(sets: Sequence[Scored]) -> str:
@@ -164,43 +191,40 @@ def speed(sets: Sequence[Scored]) -> str:
     )
 
 
-def table(sets: Sequence[Scored]) -> str:
+def table(sets: Sequence[Scored], subject: Subject) -> str:
     """Return everything as text."""
     return "\n\n".join(
         [
             f"{len(sets)} data sets. {speed(sets)}",
-            rates_table(sets),
-            confusion_table(sets),
-            conditions_table(sets),
+            rates_table(sets, subject),
+            confusion_table(sets, subject),
+            conditions_table(sets, subject),
             alias_sizes(sets),
-            faults(sets),
+            faults(sets, subject),
         ]
     )
 
 
-TEMPLATE = Path(__file__).with_name("page.template.md")
-
-
-def page(sets: Sequence[Scored]) -> str:
+def page(sets: Sequence[Scored], subject: Subject) -> str:
     """Return the document."""
-    return TEMPLATE.read_text(encoding="utf-8").format(
+    return subject.template.read_text(encoding="utf-8").format(
         n=len(sets),
-        rates=rates_table(sets),
-        confusion=confusion_table(sets),
-        conditions=conditions_table(sets),
+        rates=rates_table(sets, subject),
+        confusion=confusion_table(sets, subject),
+        conditions=conditions_table(sets, subject),
         alias_sizes=alias_sizes(sets),
-        faults=faults(sets),
+        faults=faults(sets, subject),
         speed=speed(sets),
     )
 
 
-def picture(sets: Sequence[Scored]) -> bytes:
+def picture(sets: Sequence[Scored], subject: Subject) -> bytes:
     """Return a PNG: the confusion matrix, and the outcomes by condition."""
     figure: Any = Figure(figsize=(13, 8.2), dpi=90, layout="constrained")
     FigureCanvasAgg(figure)
     left, right = figure.subplots(1, 2, width_ratios=[2.3, 1])
-    _draw_confusion(left, sets)
-    _draw_outcomes(right, [s for s in sets if s.group in LIBRARY_GROUPS])
+    _draw_confusion(left, sets, subject)
+    _draw_outcomes(right, [s for s in sets if s.group in subject.groups], subject)
     figure.suptitle(
         f"What the workflow said about {len(sets)} data sets whose truth it could not see",
         fontsize=12,
@@ -210,8 +234,8 @@ def picture(sets: Sequence[Scored]) -> bytes:
     return buffer.getvalue()
 
 
-def _draw_confusion(axes: Any, sets: Sequence[Scored]) -> None:
-    rows, columns, counts = confusion(sets)
+def _draw_confusion(axes: Any, sets: Sequence[Scored], subject: Subject) -> None:
+    rows, columns, counts = confusion(sets, subject)
     used = counts.sum(axis=1) > 0
     counts, rows = counts[used], [r for r, u in zip(rows, used, strict=True) if u]
     share = counts / counts.sum(axis=1, keepdims=True)
@@ -225,8 +249,8 @@ def _draw_confusion(axes: Any, sets: Sequence[Scored]) -> None:
         label.set_rotation_mode("anchor")
     axes.set_yticks(range(len(rows)), [r.replace("_", " ") for r in rows])
     axes.tick_params(labelsize=8)
-    axes.axvline(len(LIBRARY) - 0.5, color="#888888", linewidth=0.8)
-    for name in ("nothing", *OUTSIDE[:1]):
+    axes.axvline(len(subject.library) - 0.5, color="#888888", linewidth=0.8)
+    for name in ("nothing", *subject.outside[:1]):
         if name in rows:
             edge = rows.index(name) + (0.5 if name == "nothing" else -0.5)
             axes.axhline(edge, color="#888888", linewidth=0.8)
@@ -235,8 +259,8 @@ def _draw_confusion(axes: Any, sets: Sequence[Scored]) -> None:
     axes.set_title("Number of sets (shade: share of the row)", fontsize=10)
 
 
-def _draw_outcomes(axes: Any, sets: Sequence[Scored]) -> None:
-    slices = _slices(sets)
+def _draw_outcomes(axes: Any, sets: Sequence[Scored], subject: Subject) -> None:
+    slices = _slices(sets, subject)
     at = np.arange(len(slices))[::-1]
     left = np.zeros(len(slices))
     for name, colour in OUTCOMES.items():
@@ -248,7 +272,8 @@ def _draw_outcomes(axes: Any, sets: Sequence[Scored]) -> None:
     axes.tick_params(labelsize=8)
     axes.set_xlim(0, 100)
     axes.set_xlabel("share of the sets with effects of the library, %", fontsize=9)
-    axes.set_title("Outcome by strength, noise, protocol, kind", fontsize=10)
+    protocol, noise = subject.conditions
+    axes.set_title(f"Outcome by strength, {noise},\n{protocol} and kind", fontsize=10)
     axes.legend(loc="upper center", bbox_to_anchor=(0.4, -0.1), ncols=3, fontsize=8, frameon=False)
     for side in ("top", "right"):
         axes.spines[side].set_visible(False)

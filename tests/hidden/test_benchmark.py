@@ -11,7 +11,7 @@ from tests.hidden.chamber_truth import write_more, write_set
 from tests.hidden.follow_up import protocol_of
 from tests.hidden.plan import medium, small
 from tests.hidden.scoring import Rate, Scored, acceptance, outcome, score
-from tests.hidden.summary import OUTCOMES, page, picture, table
+from tests.hidden.summary import OUTCOMES, THERMAL, page, picture, table
 
 LAG, RATE, STEP = "thermal_lag", "temperature_rate_bias", "bias_step"
 
@@ -103,11 +103,11 @@ def test_rates_are_of_the_sets_they_name() -> None:
         (0, 1), (0, 0), (1, 2), (0, 1), (1, 4), (0, 1), (1, 1), (0, 0), (1, 1), (0, 0), (0, 0),
         (0, 0), (0, 0), (0, 0), (0, 0), (0, 0),
     ]  # fmt: skip
-    text = table(sets)
+    text = table(sets, THERMAL)
     assert "1 of 2 = 50.0 %" in text
     assert "temperature_rate_bias 1" in text
-    assert "wrong name" in page(sets)
-    assert picture(sets)[:4] == b"\x89PNG"
+    assert "wrong name" in page(sets, THERMAL)
+    assert picture(sets, THERMAL)[:4] == b"\x89PNG"
 
 
 def test_limits_are_clopper_and_pearson_s() -> None:

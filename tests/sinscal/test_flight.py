@@ -219,3 +219,12 @@ def test_the_rig_s_own_parameters_do_not_fly() -> None:
     calibration = Calibration.of_sensors(names, np.diag([1.0, 2.0, 3.0, 4.0]))
     assert calibration.names == ("gyro_bias_x", "accel_scale_z")
     assert_allclose(np.diag(calibration.cov), [2.0, 4.0])
+
+
+def test_a_jump_is_part_of_the_bias_that_flies() -> None:
+    names = ("gyro_bias_x", "gyro_bias_step_x", "accel_scale_z")
+    cov = np.array([[4.0, -1.5, 0.2], [-1.5, 2.0, 0.1], [0.2, 0.1, 1.0]])
+    calibration = Calibration.of_sensors(names, cov)
+    assert calibration.names == ("gyro_bias_x", "accel_scale_z")
+    # of bias + step: 4 + 2 − 2·1.5, and their covariances with the scale error
+    assert_allclose(calibration.cov, [[3.0, 0.3], [0.3, 1.0]])

@@ -133,6 +133,7 @@ def test_one_run_names_thermal_history_and_proposes_what_would_decide() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(1800)
 def test_rates_of_right_and_of_false_verdicts_over_many_seeds() -> None:
     """Forty seeds each of nothing and of four effects: a part of the blind benchmark, by itself."""
     false = sum(found(100 + s).verdict != "nothing" for s in range(40))

@@ -130,6 +130,7 @@ def test_the_flight_file_takes_all_errors_out_at_any_temperature(
     assert abs(left.std() / noise - 1.0) < 0.02
     assert abs(left.mean()) < 20e-6 * g
     assert done.temp_c is not None
+    assert twin.run.temp_c is not None
     np.testing.assert_allclose(done.temp_c, twin.run.temp_c, atol=1e-5)
 
 

@@ -1,0 +1,114 @@
+"""Rig cycles held out: what an effect's sizes from the other cycles leave of a cycle's innovations.
+
+Every cycle turns about another axis and shows some sizes that the others hardly do. Sizes are mixed
+so that those of a cycle and of the others are independent; a mixture that the cycle shows better
+than all others together cannot be judged by them: it is fitted to the cycle and left out of the
+comparison, before and after.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import linalg
+
+from errormodel.arrays import FloatArray
+from errormodel.discrepancy.choices import Choice
+from errormodel.discrepancy.problem import independent
+from sinscal.discrepancy_filter import FilterProblem
+from sinscal.rig_effects import BY_NAME
+from sinscal.run import BoolArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CycleGap:
+    """Rms of a cycle's innovations before and after, by channel; m/s² and rad."""
+
+    cycle: int
+    before: dict[str, float]
+    after: dict[str, float]
+
+
+def held_out(before: FilterProblem, choices: Sequence[Choice]) -> tuple[CycleGap, ...]:
+    """Judge effects on each cycle by their sizes from the others.
+
+    Parameters
+    ----------
+    before : FilterProblem
+        Of the present model.
+    choices : sequence of Choice
+        The effects found.
+
+    Returns
+    -------
+    tuple of CycleGap
+        None without effects.
+    """
+    if not choices:
+        return ()
+    effects = [(BY_NAME[c.name], c.theta) for c in choices]
+    seen = np.hstack(
+        [before.signature(e, theta).columns * before.prior_sigmas(e) for e, theta in effects]
+    )
+    y = before.problem().residual
+    cycle = before.found.cycle_of_step[before.step_of]
+    made: list[CycleGap] = []
+    for k in range(int(cycle.max()) + 1):
+        mine = cycle == k
+        was, left = _judged(seen[mine], y[mine], seen[~mine], y[~mine])
+        made.append(
+            CycleGap(
+                cycle=k + 1,
+                before=rms_by_channel(before, _squares(before, mine, was)),
+                after=rms_by_channel(before, _squares(before, mine, left)),
+            )
+        )
+    return tuple(made)
+
+
+def gaps_by_cycle(before: FilterProblem, after: FilterProblem) -> tuple[CycleGap, ...]:
+    """Return the innovations of every cycle by the filter of the present and the larger model."""
+
+    def of_cycle(one: FilterProblem, k: int) -> dict[str, float]:
+        mine = (one.found.cycle_of_step == k)[:, None]
+        return rms_by_channel(one, np.where(mine, one.found.filtered.innovation**2, np.nan))
+
+    return tuple(
+        CycleGap(cycle=k + 1, before=of_cycle(before, k), after=of_cycle(after, k))
+        for k in range(len(before.cycles))
+    )
+
+
+def _judged(
+    own: FloatArray, y: FloatArray, other: FloatArray, y_other: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return a cycle's normalised innovations before and after; columns count in prior sigmas."""
+    known = other.T @ other + np.eye(own.shape[1])
+    share, mixed = linalg.eigh(own.T @ own, known)
+    judged = share <= 1.0
+    sizes = mixed[:, judged].T @ (other.T @ y_other)
+    new = independent(own @ mixed[:, ~judged])
+
+    def beside_new(values: FloatArray) -> FloatArray:
+        return values - new @ (new.T @ values)
+
+    return beside_new(y), beside_new(y - own @ (mixed[:, judged] @ sizes))
+
+
+def _squares(one: FilterProblem, rows: BoolArray, normalised: FloatArray) -> FloatArray:
+    """Return squared innovations, SI, of some of those used, NaN elsewhere, shape (K, m)."""
+    flat = np.full(rows.size, np.nan)
+    flat[rows] = normalised**2
+    out = np.full(one.kept.shape, np.nan)
+    out[one.kept] = flat
+    return out * one.found.filtered.variance
+
+
+def rms_by_channel(one: FilterProblem, square: FloatArray) -> dict[str, float]:
+    """Return the rms by channel of settled innovations, given as squares (K, m)."""
+    seen = one.settled & np.isfinite(square)
+    return {
+        name: float(np.sqrt(np.mean(square[seen[:, k], k])))
+        for k, name in enumerate(one.rows.names)
+        if seen[:, k].any()
+    }

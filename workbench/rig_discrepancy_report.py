@@ -1,0 +1,88 @@
+"""The report of a verdict on a rig run: one page, and its figures."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from sinscal.discrepancy import RigDiscrepancy
+from sinscal.earth import ARCSEC, DEG_PER_H
+from sinscal.run import RigRun
+from workbench.console import number
+from workbench.discrepancy_output import VERDICT_WORDS
+from workbench.discrepancy_page import VerdictPage, render_verdicts
+from workbench.figures_rig_discrepancy import draw_cycles, draw_innovations
+from workbench.rig_calibrate_output import TOLD_IN, told_group
+from workbench.rig_discrepancy_output import rig_lines, told_parameters
+
+CONVENTIONS = (
+    "Innovations are what the filter's measurements differ by from its forecast. Over their sigmas "
+    "they are white when nothing is missing; what an effect would leave in them is had by sending "
+    "it through the filter's gains, and the effect named has joined a filter run anew.",
+    "The rows rig_axis_1 and rig_axis_2 are across the rig's axis: their noise is a bound, and the "
+    "second to fourth harmonics of the rotation in them are the bearing's.",
+    "Held out: an effect's sizes are taken from the other cycles; a size that they do not show "
+    "stays zero. Noise alone is what the noise stated would leave.",
+)
+
+
+def render_rig_discrepancy(d: RigDiscrepancy, run: RigRun) -> dict[str, bytes]:
+    """Return a report's files by name, without writing any.
+
+    Parameters
+    ----------
+    d : RigDiscrepancy
+    run : RigRun
+        What it was found in.
+
+    Returns
+    -------
+    dict of str to bytes
+    """
+    name = Path(run.source).name
+    page = VerdictPage(
+        name=f"{name}, {d.source.mode}",
+        verdict=VERDICT_WORDS[d.verdict],
+        lines=tuple(rig_lines(d)),
+        effects=tuple(told_parameters(d)),
+        pictures=(draw_innovations(d), draw_cycles(d)),
+        rivals=tuple(_rivals(d)),
+        noise=_noise(d),
+    )
+    cycles = [f"{name}, {len(run.cycles)} cycles"]
+    return render_verdicts("What is missing from the model of a SINS", cycles, [page], CONVENTIONS)
+
+
+def _rivals(d: RigDiscrepancy) -> Iterator[tuple[str, str, str, str]]:
+    """Yield every effect of the library with how it was judged."""
+    below = dict(d.result.slots[0].rivals) if d.effects else {}
+    alias = {n for s in d.alias_sets for n in s}
+    named = {e.effect.name for e in d.effects}
+    for effect in d.source.effects:
+        name = effect.name
+        size = "–"
+        if name in d.smallest_nameable:
+            value, si = d.smallest_nameable[name]
+            group = name if name in TOLD_IN else told_group(name)
+            unit, divisor = TOLD_IN.get(group, (si, 1.0))
+            size = f"{number(value / divisor, 2)} {unit}"
+        if name in named:
+            judged = "named"
+        elif name in alias:
+            judged = "cannot be told from the one named"
+        elif d.source.holds(effect):
+            judged = "in the present model"
+        elif name in d.invisible:
+            judged = "cannot be seen in this run"
+        else:
+            judged = "excluded" if d.effects else "not called for"
+        yield name, number(below.get(name), 3), judged, size
+
+
+def _noise(d: RigDiscrepancy) -> str:
+    noise = d.source.noise
+    text = (
+        f"as stated beside the run: gyros {number(noise.gyro / DEG_PER_H, 3)} °/h/√Hz, "
+        f"accelerometers {number(noise.accel, 3)} m/s²/√Hz"
+    )
+    if d.source.mode == "precise":
+        text += f", the rig's angle {number(noise.angle / ARCSEC, 3)} ″/√Hz"
+    return text
