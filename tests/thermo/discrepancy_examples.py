@@ -90,6 +90,7 @@ class Seen:
     angle_deg: np.ndarray
     begun_h: float
     mount_deg: float = 0.0
+    mount_missed_rad: float = 0.0
     period_s: float = PERIOD_S
 
 
@@ -107,13 +108,16 @@ def carried_out(
     period_s = sequence.sampling.period_s
     frames: list[pd.DataFrame] = []
     begun_h = 100.0
+    # one mounting for all of its runs, turned by 100 µrad too much or too little
+    missed_rad = 1e-4 * rng.standard_normal()
     for number in range(1, plan.runs + 1):
         run = plan.run(number)
         temp_c = lagged(run.time_s, run.commanded_c, 60.0, period_s)
         mount_deg = sequence.accelerometers[0].mount_deg
         seen = Seen(
-            f"next-{number}", run.time_s, temp_c, run.position_deg, begun_h, mount_deg, period_s
-        )
+            f"next-{number}", run.time_s, temp_c, run.position_deg, begun_h,
+            mount_deg, missed_rad if mount_deg else 0.0, period_s,
+        )  # fmt: skip
         frames.append(read(rng, seen, hidden or {}, drift_ug=drift_ug, tempco=tempco))
         begun_h += run.time_s[-1] / 3600.0 + 1.0
     return recorded(frames)
@@ -130,9 +134,8 @@ def read(
     """Return the readings of one run."""
     time_s, temp_c = seen.time_s, seen.temp_c
     head = np.deg2rad(seen.angle_deg)
-    # a turned mounting is missed by 100 µrad; the head errs by itself, twice a turn
-    missed = 1e-4 * rng.standard_normal() if seen.mount_deg else 0.0
-    wrong = 1e-6 * hidden.get("head", 0.0) * np.sin(2 * head) + missed
+    # the head errs by itself, twice a turn
+    wrong = 1e-6 * hidden.get("head", 0.0) * np.sin(2 * head) + seen.mount_missed_rad
     turned = head + np.deg2rad(seen.mount_deg)
     a_i, a_p = np.sin(turned + wrong), np.cos(turned + wrong)
     inside = temp_c
