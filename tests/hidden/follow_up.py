@@ -68,7 +68,7 @@ def protocol_of(text: str) -> Protocol:
         dwell_s=period * positions.get("readings_per_position", 1),
         period_s=period,
         rest_s=3600.0 * temperature.get("rest_h", 0.0),
-        mount_deg=float(asked["accelerometers"][0].get("mount_deg", 0.0)),
+        mount_deg=float(asked.get("accelerometers", [{}])[0].get("mount_deg", 0.0)),
     )
 
 

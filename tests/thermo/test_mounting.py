@@ -7,7 +7,7 @@ from errormodel.discrepancy.choices import Choice
 from errormodel.discrepancy.coloured import NoiseShape
 from errormodel.discrepancy.floor import NoiseFloor
 from tests.thermo.discrepancy_examples import carried_out, hidden_runs
-from thermo.discrepancy import default_baseline
+from thermo.discrepancy import default_baseline, find_discrepancy
 from thermo.discrepancy_source import ThermalSource
 from thermo.experiments import Experiment, propose_separation
 from thermo.inputs import channel_of
@@ -44,6 +44,35 @@ def test_a_turned_mounting_tells_third_order_from_the_heads_harmonic(hidden) -> 
     wrong = next(n for n in chi2 if n != right)
     # an alias set ends at 9 in twice the log-likelihood, a block mean has 5/√6 µg
     assert chi2[wrong] - chi2[right] > 9.0 * 25.0 / 6.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(11, 15))
+def test_what_four_positions_cannot_show_is_named_after_the_experiment_proposed(seed: int) -> None:
+    runs = hidden_runs(seed, {"k3": 20.0}, rates=(2.0, 2.0))
+    (before,) = find_discrepancy(runs)
+    assert (before.verdict, "third_order" in before.invisible) == ("nothing", True)
+    assert before.experiment is not None
+    assert before.experiment.sequence is not None
+    more = carried_out(seed, before.experiment.sequence, {"k3": 20.0})
+    (after,) = find_discrepancy(join_runs([runs, more]))
+    assert [(after.verdict, e.name) for e in after.effects] == [("named", "third_order")]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(3, 7))
+@pytest.mark.parametrize(
+    ("hidden", "name"), [({"k3": 20.0}, "third_order"), ({"head": 40.0}, "indexer_harmonic")]
+)
+def test_an_alias_set_becomes_a_name_after_the_experiment_proposed(seed, hidden, name) -> None:
+    runs = hidden_runs(seed, hidden, rates=(2.0, 2.0), every_45=True)
+    (before,) = find_discrepancy(runs)
+    assert {"third_order", "indexer_harmonic"} <= set(*before.alias_sets)
+    assert before.experiment is not None
+    assert before.experiment.sequence is not None
+    more = carried_out(seed, before.experiment.sequence, hidden)
+    (after,) = find_discrepancy(join_runs([runs, more]))
+    assert [(after.verdict, e.name) for e in after.effects] == [("named", name)]
 
 
 def test_a_turned_recording_has_its_forces_and_the_heads_angle() -> None:
