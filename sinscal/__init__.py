@@ -1,1 +1,1 @@
-"""Calibration of strapdown inertial navigation systems on a rig (to come)."""
+"""Calibration of strapdown inertial navigation systems on a rig."""

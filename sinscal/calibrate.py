@@ -5,14 +5,13 @@ from typing import Literal
 
 import numpy as np
 
-from errormodel.arrays import FloatArray, IntArray, freeze, readonly
+from errormodel.arrays import FloatArray
 from errormodel.errors import InputError
-from errormodel.filtering import Filtered, Steps
-from errormodel.kalman import State
+from sinscal.calibration import FilterCalibration
 from sinscal.layout import RigLayout
 from sinscal.north import KnownNorth, judge_north
 from sinscal.priors import RigPrior, make_prior
-from sinscal.rigdata import Nominal, RigNoise, cycle_data
+from sinscal.rigdata import RigNoise, cycle_data
 from sinscal.rigpass import STEP_SIGMAS, Pass, RigFilter
 from sinscal.run import RigFacts, RigRun
 from sinscal.sensors import SensorModel, sensor_model
@@ -25,74 +24,23 @@ GATE_SIGMAS = 7.0
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class RigCalibration:
-    """What a calibration found.
+class RigCalibration(FilterCalibration):
+    """What a calibration from raw sensors found.
 
     Attributes
     ----------
     mode : str
-    sensors : SensorModel
-    names, values, cov
-        Of all constants: the sensors' unknowns first, then the rig's; SI.
-    layout : RigLayout
-    nominal : Nominal
-        Where the filter ended.
-    start : State
-        What the last pass started from.
-    steps : Steps
-        Of the last pass.
-    filtered : Filtered
-        What it made of them.
-    cycle_of_step : ndarray of int, shape (K,)
-        −1 for the steps that begin a cycle.
-    time_s : ndarray, shape (K,)
-        End of each step from the start of its cycle.
-    prior : RigPrior
     noise : RigNoise
-    iterations : int
-    converged : bool
     north_sigma_rad : ndarray, shape (cycles,)
         How well gyrocompassing alone found north.
     north_azimuth_rad : ndarray, shape (cycles,)
         Azimuth of the rotation axis by gyrocompassing alone.
-    warnings : tuple of str
     """
 
     mode: str
-    sensors: SensorModel
-    names: tuple[str, ...]
-    values: FloatArray
-    cov: FloatArray
-    layout: RigLayout
-    nominal: Nominal
-    start: State
-    steps: Steps
-    filtered: Filtered
-    cycle_of_step: IntArray
-    time_s: FloatArray
-    prior: RigPrior
     noise: RigNoise
-    iterations: int
-    converged: bool
     north_sigma_rad: FloatArray
     north_azimuth_rad: FloatArray
-    warnings: tuple[str, ...] = ()
-
-    def __post_init__(self) -> None:
-        freeze(self, values=readonly(self.values), cov=readonly(self.cov))
-
-    @property
-    def sigmas(self) -> FloatArray:
-        """Standard deviations, in the order of `names`."""
-        return np.sqrt(np.diag(self.cov))
-
-    def value(self, name: str) -> float:
-        """Return one estimate."""
-        return float(self.values[self.names.index(name)])
-
-    def sigma(self, name: str) -> float:
-        """Return one standard deviation."""
-        return float(self.sigmas[self.names.index(name)])
 
 
 def calibrate(

@@ -9,7 +9,7 @@ from errormodel.discrepancy.choices import Choice, Rules, SearchResult, Slot
 from errormodel.discrepancy.coloured import NoiseShape
 from errormodel.discrepancy.floor import NoiseFloor
 from errormodel.discrepancy.foresight import NAMEABLE_D, foresee
-from errormodel.discrepancy.gate import FactorFinding, Judgement, judge, locate
+from errormodel.discrepancy.gate import Conclusion, FactorFinding, Judgement, judge, locate
 from errormodel.discrepancy.nulls import Calibration
 from errormodel.discrepancy.nulls import calibrate as simulate_nulls
 from errormodel.discrepancy.scan import View
@@ -46,14 +46,14 @@ class RigEffectFound:
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class RigDiscrepancy:
+class RigDiscrepancy(Conclusion):
     """The verdict on one rig run and what it stands on.
 
     Attributes
     ----------
+    judgement, result
+        Of every `Conclusion`.
     source : RigSource
-    judgement : Judgement
-    result : SearchResult
     effects : tuple of RigEffectFound
     where : str or None
         The factor that the named effect's error follows; without a name, the one that carries most
@@ -74,8 +74,6 @@ class RigDiscrepancy:
     """
 
     source: RigSource
-    judgement: Judgement
-    result: SearchResult
     effects: tuple[RigEffectFound, ...]
     where: str | None
     channel: str | None
@@ -88,18 +86,6 @@ class RigDiscrepancy:
     invisible: tuple[str, ...]
     smallest_nameable: dict[str, tuple[float, str]]
     experiment: str | None
-
-    @property
-    def verdict(self) -> str:
-        """One of named, alias, unexplained_repeatable, unexplained_noise, nothing."""
-        return self.judgement.verdict
-
-    @property
-    def alias_sets(self) -> tuple[tuple[str, ...], ...]:
-        """Effects that this run cannot tell apart."""
-        if self.verdict != "alias":
-            return ()
-        return tuple(s.alias for s in self.result.slots if len(s.alias) > 1)
 
 
 def find_rig_discrepancy(

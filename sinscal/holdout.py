@@ -10,7 +10,7 @@ from errormodel.arrays import FloatArray
 from errormodel.errors import InputError
 from errormodel.filtering import NO_GATE, run_filter
 from sinscal.calibrate import RigCalibration
-from sinscal.navigation import NavCalibration
+from sinscal.calibration import FilterCalibration
 from sinscal.priors import RigPrior
 from sinscal.rigdata import RigNoise, cycle_data
 from sinscal.rigpass import ROUGHLY_SIGMAS, RigFilter
@@ -108,9 +108,7 @@ def shift_test(
     return Shift(chi2=float(np.sum(moved**2 / share[told])), dof=int(told.sum()))
 
 
-def without_cycle(
-    found: RigCalibration | NavCalibration, cycle: int
-) -> tuple[FloatArray, FloatArray]:
+def without_cycle(found: FilterCalibration, cycle: int) -> tuple[FloatArray, FloatArray]:
     """Return values and covariance by the other cycles, about the nominal of all of them.
 
     Were the others' own nominal taken, what they do not show would differ by its prior's sigma, and
@@ -119,7 +117,7 @@ def without_cycle(
 
     Parameters
     ----------
-    found : RigCalibration or NavCalibration
+    found : FilterCalibration
         By all cycles. What its gate refused stays refused.
     cycle : int
         From 0.

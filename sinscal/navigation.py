@@ -9,61 +9,30 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from errormodel.arrays import FloatArray, IntArray
+from errormodel.arrays import FloatArray
 from errormodel.errors import InputError
-from errormodel.filtering import NO_GATE, Filtered, Steps
-from errormodel.kalman import State
+from errormodel.filtering import NO_GATE
+from sinscal.calibration import FilterCalibration
 from sinscal.earth import radii_m
-from sinscal.layout import RigLayout
 from sinscal.nav_filter import POSITION_FLOOR_M, VELOCITY_FLOOR_M_S, NavFilter, NavNoise
 from sinscal.nav_outputs import free_height, nav_cycle
 from sinscal.priors import RigPrior, make_prior
-from sinscal.rigdata import Nominal
 from sinscal.rigpass import STEP_SIGMAS, Pass, iterated
 from sinscal.run import NavRun
 from sinscal.sensors import SensorModel, sensor_model
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class NavCalibration:
+class NavCalibration(FilterCalibration):
     """What the outputs of navigation tell of the sensors.
 
     Attributes
     ----------
-    sensors : SensorModel
-    names, values, cov
-        The sensors' unknowns, SI.
-    layout : RigLayout
-    nominal : Nominal
-        Where the filter ended.
-    start, steps, filtered
-        The filter's, of its last pass.
-    cycle_of_step : ndarray of int, shape (K,)
-        −1 for the steps that begin a cycle.
-    time_s : ndarray, shape (K,)
-    prior : RigPrior
     noise : NavNoise
-    iterations : int
-    converged : bool
-    warnings : tuple of str
+    mode : str
     """
 
-    sensors: SensorModel
-    names: tuple[str, ...]
-    values: FloatArray
-    cov: FloatArray
-    layout: RigLayout
-    nominal: Nominal
-    start: State
-    steps: Steps
-    filtered: Filtered
-    cycle_of_step: IntArray
-    time_s: FloatArray
-    prior: RigPrior
     noise: NavNoise
-    iterations: int
-    converged: bool
-    warnings: tuple[str, ...] = ()
     mode: str = "navigation"
 
     @property
@@ -73,11 +42,6 @@ class NavCalibration:
         The positions are their integrals, so that their noise is a bound.
         """
         return tuple(range(len(self.layout.integrals) // 2))
-
-    @property
-    def sigmas(self) -> FloatArray:
-        """Standard deviations, in the order of `names`."""
-        return np.sqrt(np.diag(self.cov))
 
 
 def nav_noise_of(run: NavRun) -> NavNoise:

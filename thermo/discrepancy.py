@@ -56,6 +56,8 @@ class Discrepancy(Conclusion):
     plain_before, plain_after : Fitted
         The same with readings weighed alike: residuals.
     effects : tuple of EffectFound
+    where : FactorFinding or None
+        The factor that carries the excess.
     where_text : str
     rms_before_ug, rms_after_ug, floor_ug : float
         Over readings.
@@ -75,6 +77,7 @@ class Discrepancy(Conclusion):
     plain_before: Fitted
     plain_after: Fitted
     effects: tuple[EffectFound, ...]
+    where: FactorFinding | None
     where_text: str
     rms_before_ug: float
     rms_after_ug: float

@@ -5,6 +5,7 @@ from typing import Any
 
 from rich.console import RenderableType
 
+from errormodel.discrepancy.gate import Conclusion
 from thermo.discrepancy import Discrepancy
 from thermo.discrepancy_words import EffectFound
 from thermo.effects import effects_by_name
@@ -73,16 +74,8 @@ def _one(d: Discrepancy) -> dict[str, Any]:
         }
         if experiment
         else None,
-        "explained_share": d.judgement.explained_share,
         "something_left": d.judgement.loud or d.judgement.loud_noise,
-        "factors": [
-            {"factor": f.name, "excess_chi2": f.excess, "p_value": f.p_value}
-            for f in d.judgement.rest
-        ],
-        "rivals": [
-            {s.choice.name: [{"name": n, "below": b} for n, b in s.rivals[:4]]}
-            for s in d.result.slots
-        ],
+        **conclusion_document(d),
         "noise": {
             "family": d.floor.shape.family,
             "white_ug": d.floor.sigma,
@@ -91,6 +84,21 @@ def _one(d: Discrepancy) -> dict[str, Any]:
         },
         "baseline": [t.name for t in d.before.model.terms],
         "model": [t.name for t in d.after.model.terms],
+    }
+
+
+def conclusion_document(d: Conclusion) -> dict[str, Any]:
+    """Return what every search says of its verdict: shares, factors, rivals."""
+    return {
+        "explained_share": d.judgement.explained_share,
+        "factors": [
+            {"factor": f.name, "excess_chi2": f.excess, "p_value": f.p_value}
+            for f in d.judgement.rest
+        ],
+        "rivals": [
+            {s.choice.name: [{"name": n, "below": b} for n, b in s.rivals[:4]]}
+            for s in d.result.slots
+        ],
     }
 
 
@@ -119,21 +127,27 @@ def discrepancy_text(found: Sequence[Discrepancy]) -> Iterator[RenderableType]:
         yield ""
 
 
+def rival_lines(d: Conclusion) -> Iterator[str]:
+    """Say what else it could have been, and what not."""
+    for s in d.alias_sets:
+        yield f"These data cannot tell apart: {', '.join(s)}."
+    unexplained = d.verdict.startswith("unexplained")
+    for slot in d.result.slots if not unexplained else ():
+        excluded = [f"{n} (by {number(b, 3)})" for n, b in slot.rivals if n not in slot.alias][:3]
+        if excluded:
+            yield f"Next to {slot.choice.name}, excluded: {', '.join(excluded)}."
+    if unexplained and d.result.slots:
+        partial = ", ".join(s.choice.name for s in d.result.slots)
+        share = number(100 * d.judgement.explained_share, 2)
+        yield f"The best of the library, {partial}, would explain {share} % of it only: no name."
+
+
 def verdict_lines(d: Discrepancy) -> Iterator[str]:
     """Say what was found, in sentences."""
     yield d.where_text
     for e in d.effects:
         yield f"{e.name}: {e.sentence} Strength {number(e.strength_d, 3)}, p {number(e.p_value, 2)}"
-    for s in d.alias_sets:
-        yield f"These data cannot tell apart: {', '.join(s)}."
-    for slot in d.result.slots if d.effects else ():
-        excluded = [f"{n} (by {number(b, 3)})" for n, b in slot.rivals if n not in slot.alias][:3]
-        if excluded:
-            yield f"Next to {slot.choice.name}, excluded: {', '.join(excluded)}."
-    if d.verdict.startswith("unexplained") and d.result.slots:
-        partial = ", ".join(s.choice.name for s in d.result.slots)
-        share = number(100 * d.judgement.explained_share, 2)
-        yield f"The best of the library, {partial}, would explain {share} % of it only: no name."
+    yield from rival_lines(d)
     yield (
         f"Residual {micro_g(d.rms_before_ug)} with the present model, {micro_g(d.rms_after_ug)} "
         f"with the effect; noise alone {micro_g(d.floor_ug)}."

@@ -11,7 +11,7 @@ from sinscal.discrepancy import RigDiscrepancy
 from sinscal.discrepancy_holdout import CycleGap
 from sinscal.rig_model_file import BiasStep, FoundValue, RigModelFile
 from workbench.console import number, table
-from workbench.discrepancy_output import VERDICT_WORDS
+from workbench.discrepancy_output import VERDICT_WORDS, conclusion_document, rival_lines
 from workbench.fit_output import value_and_sigma
 from workbench.rig_calibrate_output import TOLD_IN, told_group
 
@@ -56,15 +56,7 @@ def rig_document(d: RigDiscrepancy) -> dict[str, Any]:
             n: {"value": v, "unit": u} for n, (v, u) in d.smallest_nameable.items()
         },
         "next_experiment": {"text": d.experiment} if d.experiment else None,
-        "explained_share": d.judgement.explained_share,
-        "factors": [
-            {"factor": f.name, "excess_chi2": f.excess, "p_value": f.p_value}
-            for f in d.judgement.rest
-        ],
-        "rivals": [
-            {s.choice.name: [{"name": n, "below": b} for n, b in s.rivals[:4]]}
-            for s in d.result.slots
-        ],
+        **conclusion_document(d),
     }
 
 
@@ -78,16 +70,7 @@ def rig_lines(d: RigDiscrepancy) -> Iterator[str]:
     for e in d.effects:
         strength, p = number(e.strength_d, 3), number(e.p_value, 2)
         yield f"{e.effect.name}: {e.effect.sentence} Strength {strength}, p {p}."
-    for s in d.alias_sets:
-        yield f"This run cannot tell apart: {', '.join(s)}."
-    for slot in d.result.slots if d.effects else ():
-        excluded = [f"{n} (by {number(b, 3)})" for n, b in slot.rivals if n not in slot.alias][:3]
-        if excluded:
-            yield f"Next to {slot.choice.name}, excluded: {', '.join(excluded)}."
-    if d.verdict.startswith("unexplained") and d.result.slots:
-        partial = ", ".join(s.choice.name for s in d.result.slots)
-        share = number(100 * d.judgement.explained_share, 2)
-        yield f"The best of the library, {partial}, would explain {share} % of it only: no name."
+    yield from rival_lines(d)
     before, after, floor = (rms_of_forces(v) for v in (d.rms_before, d.rms_after, d.floor))
     yield (
         f"Innovations of the forces {number(before, 3)} m/s² rms with the present model, "

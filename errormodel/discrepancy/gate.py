@@ -144,13 +144,10 @@ class Conclusion:
     ----------
     judgement : Judgement
     result : SearchResult
-    where : FactorFinding or None
-        The factor that carries the excess.
     """
 
     judgement: Judgement
     result: SearchResult
-    where: FactorFinding | None
 
     @property
     def verdict(self) -> Verdict:
