@@ -8,6 +8,7 @@ import pytest
 from tests.thermo.discrepancy_examples import hidden_runs
 from thermo.recording import write_runs
 from thermo.sequence import load_sequence
+from thermo.terms import LIBRARY
 from workbench.cli import main
 
 KEYS = {
@@ -104,8 +105,10 @@ EFFECTS = [
 
 
 def test_an_effect_of_one_s_own_is_named(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    # the term joins the library for as long as the program runs: here, no longer than this test
+    monkeypatch.setitem(LIBRARY, "ripple", LIBRARY["k0"])
     own, runs = tmp_path / "own.py", tmp_path / "runs.csv"
     own.write_text(OWN_EFFECT, encoding="utf-8")
     write_runs(hidden_runs(2, {"wave": 20.0}), runs)
