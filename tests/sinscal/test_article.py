@@ -44,6 +44,6 @@ def test_any_one_choice_changed_is_worse(analysis: ArticleAnalysis) -> None:
 
 @pytest.mark.slow
 def test_the_stored_reading_is_the_best_of_the_scan(analysis: ArticleAnalysis) -> None:
-    # the published figures have two digits: readings whose rms is alike to a thousandth are one (how
-    # well the azimuth is known changes it by 2e-4)
+    # the published figures have two digits: readings alike to a thousandth are one (how well the
+    # azimuth is known changes the rms by 2e-4)
     assert best_reading(analysis)[1] > 0.999 * analysis.tables(BEST).rms_log
