@@ -69,7 +69,12 @@ def verdict(result: ResultContent) -> str:
         not_made = [TESTS[name] for name, ok in tests.items() if ok is None]
         rest = f" (not tested: {'; '.join(not_made)})" if not_made else ""
         return f"passed: the calibration is consistent with its sigmas{rest}"
-    return f"failed: not so: {'; '.join(failed)}"
+    missing = {"nis", "white", "held_out", "converged"} & {
+        n for n, ok in tests.items() if ok is False
+    }
+    asks = "; `accelbench discrepancy rig` looks for what the model lacks"
+    hint = asks if missing and result.mode != "navigation" else ""
+    return f"failed: not so: {'; '.join(failed)}{hint}"
 
 
 def sentences(result: ResultContent) -> Iterator[str]:
