@@ -14,6 +14,7 @@ from errormodel.discrepancy.floor import NoiseFloor
 from errormodel.discrepancy.problem import independent
 from thermo.discrepancy_heldout import reading_residual_ug
 from thermo.discrepancy_source import Fitted, ThermalSource
+from thermo.terms_events import foreseen
 
 DRAWS = 80
 
@@ -50,8 +51,8 @@ def floor_ug(
 
 def _predicted(source: ThermalSource, after: Fitted, noise: FloatArray) -> FloatArray:
     """Return the error of predicting each run's noise from the others' fit, or of the fit."""
-    coefficients = {c.name for t in after.model.terms if t.predictive for c in t.coefficients}
-    coefficients |= {p.name for t in after.model.terms if t.predictive for p in t.parameters}
+    coefficients = {c.name for t in after.model.terms if foreseen(t) for c in t.coefficients}
+    coefficients |= {p.name for t in after.model.terms if foreseen(t) for p in t.parameters}
     kept = [k for k, name in enumerate(after.free) if name in coefficients]
     columns = after.jacobian[:, kept]
     norms = np.linalg.norm(columns, axis=0)

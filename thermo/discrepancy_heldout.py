@@ -13,6 +13,7 @@ from errormodel.errors import NotSeparableError
 from errormodel.terms import Term
 from thermo.discrepancy_source import Fitted, ThermalSource
 from thermo.inputs import Channel
+from thermo.terms_events import foreseen
 
 # Predictions weigh readings alike: the smallest rms, whatever colour the noise is taken to have.
 EQUAL = NoiseShape()
@@ -114,6 +115,6 @@ def _predicted(unseen: Channel, fitted: Fitted) -> FloatArray:
     """Return the residual of unseen readings; what cannot be predicted is left out."""
     values = dict(fitted.values)
     for one in fitted.model.terms:
-        if isinstance(one, Term) and not one.predictive:
+        if isinstance(one, Term) and not foreseen(one):
             values.update({c.name: 0.0 for c in one.coefficients})
     return _residual_ug(unseen, fitted, values)

@@ -134,6 +134,14 @@ def indexer_harmonic(order: int) -> Term:
     )
 
 
+def foreseen(term: Term | InputChange) -> bool:
+    """Tell whether a run's part of a term is known from the other runs of the same test.
+
+    That of what does not belong to one run or moment, and of a mounting, which runs share.
+    """
+    return term.predictive or (isinstance(term, Term) and "mounting" in term.needs)
+
+
 def remount(number: int) -> Term:
     """Return the angle by which mounting `number` misses the first, about the output axis."""
     return Term(

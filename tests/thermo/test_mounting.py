@@ -57,6 +57,9 @@ def test_what_four_positions_cannot_show_is_named_after_the_experiment_proposed(
     more = carried_out(seed, before.experiment.sequence, {"k3": 20.0})
     (after,) = find_discrepancy(join_runs([runs, more]))
     assert [(after.verdict, e.name) for e in after.effects] == [("named", "third_order")]
+    # a run's mounting is known from the other runs of it: forgotten, it would leave 70 µg
+    assert after.heldout is not None
+    assert after.heldout.after_ug < 1.5 * after.floor_ug
 
 
 @pytest.mark.slow
