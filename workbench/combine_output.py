@@ -8,9 +8,8 @@ from workbench.combined_file import CombinedResult
 from workbench.console import number, table
 from workbench.rig_calibrate_output import (
     COLUMNS,
-    observability_lines,
+    judgement_lines,
     parameter_rows,
-    sentences,
 )
 
 MOVED = "moved, chamber's σ"
@@ -49,7 +48,4 @@ def combined_text(result: CombinedResult) -> Iterator[RenderableType]:
     yield made
     yield ""
     yield from chamber_lines(result)
-    yield from sentences(result)
-    yield from observability_lines(result)
-    for warning in result.warnings:
-        yield f"warning: {warning}"
+    yield from judgement_lines(result)

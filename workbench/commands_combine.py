@@ -24,8 +24,7 @@ from workbench.combined_file import CombinedResult, make_combined
 from workbench.console import emit, show_warnings_at_once
 from workbench.outputs import (
     REPORT_NAME,
-    check_report_folder,
-    checked_output,
+    check_results,
     force_option,
     json_option,
     with_sidecars,
@@ -74,11 +73,8 @@ def combine(
     Exit code 1 when rig and chamber contradict each other or the iteration does not come to rest.
     In Python: sinscal.combine.combine.
     """
-    if report is not None:
-        check_report_folder(report, force=force)
-    if out is not None:
-        inputs = [thermal, *with_sidecars([rig]), *([priors] if priors else [])]
-        checked_output(out, inputs, force=force)
+    inputs = [thermal, *with_sidecars([rig]), *([priors] if priors else [])]
+    check_results(out, report, inputs, force=force)
     asked = [g for g in asked_groups(groups) if g not in BASIC]
     chambers = _chambers(read_model(thermal), accelerometers)
     known = read_priors(priors) if priors else None

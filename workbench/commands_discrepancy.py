@@ -17,6 +17,7 @@ from workbench.discrepancy_output import discrepancy_document, discrepancy_text
 from workbench.larger_model import fitted_file, larger_terms, larger_toml
 from workbench.outputs import (
     REPORT_NAME,
+    check_results,
     checked_output,
     force_option,
     json_option,
@@ -78,8 +79,7 @@ def discrepancy(
         checked_output(path, inputs, force=force)
     if out is not None and out.suffix == ".toml":
         checked_output(out.with_suffix(".json"), inputs, force=force)
-    if report is not None and report.is_dir():
-        checked_output(report / REPORT_NAME, [], force=force)
+    check_results(None, report, [], force=force)
     library = load_effects(effects)
     runs = read_runs(list(files))
     found = find_discrepancy(

@@ -13,8 +13,7 @@ from sinscal.run_join import join_runs
 from workbench.console import emit
 from workbench.outputs import (
     REPORT_NAME,
-    check_report_folder,
-    checked_output,
+    check_results,
     with_sidecars,
 )
 from workbench.rig_discrepancy_output import enlarged, rig_document, rig_text
@@ -32,10 +31,7 @@ def discrepancy_rig(
 ) -> None:
     """Search the innovations of the rig filter, over cycles that follow one another."""
     inputs = [*with_sidecars(list(files)), *([model] if model else [])]
-    if out is not None:
-        checked_output(out, inputs, force=force)
-    if report is not None:
-        check_report_folder(report, force=force)
+    check_results(out, report, inputs, force=force)
     present = read_rig_model(model) if model else None
     run = join_runs([read_rig_run(f) for f in files])
     found = find_rig_discrepancy(run, present=present, seed=seed, tell=_tell)

@@ -24,6 +24,7 @@ from workbench.combined_file import told_truth
 from workbench.console import emit
 from workbench.outputs import (
     REPORT_NAME,
+    check_results,
     checked_output,
     checked_run_output,
     force_option,
@@ -192,8 +193,7 @@ def covariance(
     """
     if programme is None and (groups or priors):
         raise click.UsageError("--groups and --priors need a PROGRAMME.toml")
-    if report is not None:
-        _check_report(report, force=force)
+    check_results(None, report, [], force=force)
     modes = ("coarse", "precise") if mode == "both" else (mode,)
     tables, document, text = None, dict[str, Any](programme=str(programme)), list[RenderableType]()
     if programme is None:
@@ -212,13 +212,6 @@ def covariance(
         document["report"] = str(report / REPORT_NAME)
         text.append(f"report: {report / REPORT_NAME}")
     emit(document, text, as_json=as_json)
-
-
-def _check_report(folder: Path, *, force: bool) -> None:
-    if folder.exists() and not folder.is_dir():
-        raise click.UsageError(f"--report {folder}: is a file, expected a folder")
-    if folder.is_dir():
-        checked_output(folder / REPORT_NAME, [], force=force)
 
 
 def _write_report(

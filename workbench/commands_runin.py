@@ -15,7 +15,7 @@ from thermo.run_in_rule import RunInRule
 from thermo.sequence import load_sequence
 from workbench.commands_fit import RUNS
 from workbench.console import emit
-from workbench.outputs import REPORT_NAME, check_report_folder, force_option, json_option
+from workbench.outputs import REPORT_NAME, check_results, force_option, json_option
 from workbench.run_in_output import (
     COLUMNS,
     DEFINITION,
@@ -61,8 +61,7 @@ def runin(
     thermo.run_in_cycles.judge_runs.
     """
     rule = _rule(sequence, given)
-    if report is not None:
-        check_report_folder(report, force=force)
+    check_results(None, report, [], force=force)
     runs = read_runs([Path(name) for name in files])
     verdicts = judge_runs(runs, rule, window=window)
     document = {

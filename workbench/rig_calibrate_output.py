@@ -174,6 +174,11 @@ def calibration_text(result: ResultContent) -> Iterator[RenderableType]:
         made.add_row(*row)
     yield made
     yield ""
+    yield from judgement_lines(result)
+
+
+def judgement_lines(result: ResultContent) -> Iterator[str]:
+    """Tell how far a calibration can be trusted: its tests, what it shows, its warnings."""
     yield from sentences(result)
     yield from observability_lines(result)
     for warning in result.warnings:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.workbench.program import ran
 from thermo.recording import read_runs
 from thermo.station_types import RunControl
 from thermo.store import open_store
@@ -21,19 +22,8 @@ STATION = ROOT / "data/stations/f4t.toml"
 @pytest.fixture(scope="module")
 def done(tmp_path_factory):
     """One run of the small sequence through the program itself; nothing may be changed in it."""
-    folder = tmp_path_factory.mktemp("run")
     arguments = ["run", str(MINI), "--store", "s.sqlite", "--out", "run.csv", "--json"]
-    program = "import sys; from workbench.cli import main; sys.exit(main())"
-    made = subprocess.run(
-        [sys.executable, "-c", program, *arguments],
-        cwd=folder,
-        env=os.environ | {"PYTHONPATH": str(ROOT)},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert made.returncode == 0, made.stderr
-    return folder, json.loads(made.stdout), made.stderr
+    return ran(tmp_path_factory.mktemp("run"), *arguments)
 
 
 def test_a_run_on_emulated_instruments_ends_safe_and_tells_everything(done):

@@ -1,14 +1,11 @@
 """A run-in through the program: emulated until it stops by itself, then judged from its file."""
 
-import json
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import pandas as pd
 import pytest
 
+from tests.workbench.program import ran
 from thermo.run_in_state import BIAS, CYCLE_TRAVEL_C
 from thermo.sequence import load_sequence
 from thermo.station_emulated import default_station, relive_stored
@@ -24,19 +21,8 @@ KEYS = {
 @pytest.fixture(scope="module")
 def done(tmp_path_factory):
     """One run-in through the program itself; nothing may be changed in it."""
-    folder = tmp_path_factory.mktemp("run_in")
-    program = "import sys; from workbench.cli import main; sys.exit(main())"
     arguments = ["run", str(SEQUENCE), "--store", "s.sqlite", "--out", "run.csv", "--json"]
-    made = subprocess.run(
-        [sys.executable, "-c", program, *arguments],
-        cwd=folder,
-        env=os.environ | {"PYTHONPATH": str(ROOT)},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert made.returncode == 0, made.stderr
-    return folder, json.loads(made.stdout), made.stderr
+    return ran(tmp_path_factory.mktemp("run_in"), *arguments)
 
 
 def test_the_emulated_run_in_stops_by_itself_and_says_why(done):
