@@ -43,12 +43,14 @@ class PseudoTerminal:
         tty.setraw(theirs)
         os.set_blocking(ours, False)
         self._ends, self._device = (ours, theirs), os.ttyname(theirs)
-        _close(old)
         try:
             _place_link(self.path, self._device)
         except OSError:
             self.hang_up()
             raise
+        finally:
+            # only now: whoever finds the old line dead and opens the path again finds the new one
+            _close(old)
 
     def fileno(self) -> int:
         """Return what to wait on; it changes with `replace`."""

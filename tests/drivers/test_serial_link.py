@@ -8,6 +8,7 @@ import pytest
 
 from drivers.clock import SteppedClock
 from drivers.emulators.faults import FaultPlan
+from drivers.emulators.pseudo_terminal import PseudoTerminal
 from drivers.emulators.serial_server import SerialServer
 from drivers.errors import DeviceError, LinkError, ProtocolError
 from drivers.serial_link import SerialLink
@@ -251,6 +252,21 @@ def test_a_line_that_never_ends_is_given_up():
 
 
 # ---- unplugging
+
+
+def test_a_line_put_in_anothers_place_leads_somewhere_at_every_moment(tmp_path, monkeypatch):
+    line = PseudoTerminal(tmp_path / "tty")
+    close, led_somewhere = os.close, []
+
+    def close_and_look(end):
+        close(end)
+        led_somewhere.append(line.path.exists())
+
+    with monkeypatch.context() as patched:
+        patched.setattr(os, "close", close_and_look)
+        line.replace()
+    line.close()
+    assert led_somewhere == [True, True]
 
 
 def unplug(server) -> str:
