@@ -14,15 +14,17 @@ from errormodel.discrepancy.nulls import Calibration
 from errormodel.discrepancy.nulls import calibrate as simulate_nulls
 from errormodel.discrepancy.scan import View
 from errormodel.discrepancy.search import Search
-from sinscal.calibrate import Mode, noise_of
+from sinscal.calibrate import Mode
 from sinscal.discrepancy_filter import FilterProblem
 from sinscal.discrepancy_holdout import CycleGap, gaps_by_cycle, held_out, rms_by_channel
+from sinscal.discrepancy_noise import MeasuredNoise, measured_noise
 from sinscal.discrepancy_source import RigSource
+from sinscal.noise_estimate import noise_of_run
 from sinscal.rig_effects import BY_NAME, RigEffect
 from sinscal.rig_model_file import RigModelFile, check_needs
 from sinscal.run import RigRun
 
-DRAWS = 200
+DRAWS = 1000  # of which the uppermost hundred make the tail of a law
 Tell = Callable[[str], None]
 
 
@@ -54,6 +56,8 @@ class RigDiscrepancy(Conclusion):
     judgement, result
         Of every `Conclusion`.
     source : RigSource
+    noise : tuple of MeasuredNoise
+        The densities as measured, which everything here was judged by.
     effects : tuple of RigEffectFound
     where : str or None
         The factor that the named effect's error follows; without a name, the one that carries most
@@ -63,10 +67,10 @@ class RigDiscrepancy(Conclusion):
     places : tuple of FactorFinding
         Every factor with how much of the excess it carries, the best first.
     rms_before, rms_after, floor : dict of str to float
-        Of innovations by channel, m/s² and rad; the floor is what the noise stated gives.
+        Of innovations by channel, m/s² and rad; the floor is what the noise gives.
     gaps, heldout : tuple of CycleGap
-        By cycle: of the filters of the present and the larger model; and with the effects' sizes
-        taken from the other cycles.
+        By cycle: of the filters of the present and the larger model; and with the effects chosen
+        and sized by the other cycles alone.
     invisible : tuple of str
     smallest_nameable : dict of str to (float, str)
         Size of the effect's first visible unknown at strength seven, and its unit.
@@ -74,6 +78,7 @@ class RigDiscrepancy(Conclusion):
     """
 
     source: RigSource
+    noise: tuple[MeasuredNoise, ...]
     effects: tuple[RigEffectFound, ...]
     where: str | None
     channel: str | None
@@ -103,7 +108,7 @@ def find_rig_discrepancy(
     Parameters
     ----------
     run : RigRun
-        Its facts state the densities of the noise.
+        Densities of noise that its facts state are where their measurement begins from.
     mode : {"coarse", "precise"}, optional
         By default as the present model says, or precise where the rig's angle is recorded.
     present : RigModelFile, optional
@@ -123,7 +128,7 @@ def find_rig_discrepancy(
     Raises
     ------
     InputError
-        If the run lacks what the mode needs, or a density of its noise.
+        If the run lacks what the mode needs.
     """
     rules = rules or Rules()
     angle = run.rig_angle_rad is not None and run.facts.axis_of_cycle is not None
@@ -131,8 +136,12 @@ def find_rig_discrepancy(
     mode = mode or (present.mode if present else by_data)
     if present:
         check_needs(present.groups, run, mode)
-    source = RigSource(run, mode, noise_of(run.facts, mode), present=present or RigModelFile())
+    first = noise_of_run(run, angle=mode == "precise").noise
+    source = RigSource(run, mode, first, present=present or RigModelFile())
     tell("calibrating with the present model")
+    noise, measured = measured_noise(source)
+    tell("again with the noise that the run shows")
+    source = source.with_noise(noise)
     problem = source.problem((), NoiseShape())
     floor = NoiseFloor(shape=NoiseShape(), sigma=1.0, support=((1.0, NoiseShape()),))
     tell(f"{draws} simulated nulls")
@@ -151,6 +160,7 @@ def find_rig_discrepancy(
     invisible, smallest = _foreseen(source, search.view(()), before)
     return RigDiscrepancy(
         source=source,
+        noise=measured,
         judgement=verdict,
         result=result,
         effects=tuple(_found(_without(source, choices, s), after, s) for s in slots),
@@ -160,8 +170,8 @@ def find_rig_discrepancy(
         rms_before=_rms(before),
         rms_after=_rms(after),
         floor=_floor(after),
-        gaps=gaps_by_cycle(before, after),
-        heldout=held_out(before, choices),
+        gaps=gaps_by_cycle(before, after, choices),
+        heldout=held_out(source, search, choices),
         invisible=invisible,
         smallest_nameable=smallest,
         experiment=_experiment(result, verdict, invisible),

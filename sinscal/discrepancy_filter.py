@@ -29,7 +29,7 @@ from errormodel.discrepancy.problem import (
 from errormodel.filtering import Steps, run_filter
 from errormodel.gains import signatures
 from sinscal.calibrate import RigCalibration
-from sinscal.consistency import Rows, rows_of_rig
+from sinscal.consistency import ALONG, FORCES, Rows, rows_of_rig
 from sinscal.discrepancy_factors import history, rig_factors, slow_hats
 from sinscal.priors import MOUNT_SIGMA_RAD, prior_sigma
 from sinscal.rig_effects import EFFECTS, TIME, RigEffect
@@ -260,7 +260,10 @@ class FilterProblem:
     def problem(self) -> Problem:
         """Return the engine's problem."""
         found, steps, residual = self.found, self.step_of, self.residual
-        nothing = np.zeros((residual.size, 0))
+        factors = (
+            *rig_factors(self.run, self.cycles, found, steps, self.row_of),
+            self.drifts(),
+        )
         times = TimeBase(
             found.time_s[steps],
             found.cycle_of_step[steps],
@@ -272,15 +275,27 @@ class FilterProblem:
             residual=residual,
             base=self.bearing(),
             candidates=tuple(self.candidate(e) for e in self.effects),
-            saturated=nothing,
-            factors=(
-                *rig_factors(self.run, self.cycles, found, steps, self.row_of),
-                self.drifts(),
-            ),
+            saturated=self._everything(factors),
+            factors=factors,
             noise=NoiseShape(),
             sigma=1.0,
             events=frozenset(e.name for e in EFFECTS if e.step),
             bounded=~np.isin(self.row_of, self.rows.white),
+            scaled=self._noisy(),
+        )
+
+    def _everything(self, factors: Sequence[Factor]) -> FloatArray:
+        """Return the columns of all that may be missing; jumps are among the slow drifts."""
+        effects = [self.signature(e, ()).columns for e in self.effects if e.step is None]
+        return np.hstack([*effects, *(g for f in factors for g in f.groups)])
+
+    def _noisy(self) -> tuple[BoolArray, ...]:
+        """Return which innovations are the accelerometers' noise, and which the rig's angle's."""
+        names, settled = self.rows.names, self.settled[self.kept]
+        groups = (FORCES, (ALONG,)) if ALONG in names else (FORCES,)
+        return tuple(
+            settled & np.isin(self.row_of, [names.index(name) for name in group])
+            for group in groups
         )
 
 

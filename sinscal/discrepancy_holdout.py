@@ -1,9 +1,11 @@
-"""Rig cycles held out: what an effect's sizes from the other cycles leave of a cycle's innovations.
+"""Rig cycles held out: what the other cycles' choice and sizes of effects leave of a cycle.
 
-Every cycle turns about another axis and shows some sizes that the others hardly do. Sizes are mixed
-so that those of a cycle and of the others are independent; a mixture that the cycle shows better
-than all others together cannot be judged by them: it is fitted to the cycle and left out of the
-comparison, before and after.
+The effects are chosen anew without the cycle, by filters that never saw it, and their sizes come
+from the other cycles' innovations. Every cycle turns about another axis and shows some sizes that
+the others hardly do. Sizes are mixed so that those of a cycle and of the others are independent; a
+mixture that the cycle shows better than all others together cannot be judged by them: it is fitted
+to the cycle and left out of the comparison, before and after: to first order, in the innovations of
+the present model.
 """
 
 from collections.abc import Sequence
@@ -15,66 +17,82 @@ from scipy import linalg
 from errormodel.arrays import FloatArray
 from errormodel.discrepancy.choices import Choice
 from errormodel.discrepancy.problem import independent
+from errormodel.discrepancy.search import Search
 from sinscal.discrepancy_filter import FilterProblem
+from sinscal.discrepancy_source import RigSource
 from sinscal.rig_effects import BY_NAME
 from sinscal.run import BoolArray
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CycleGap:
-    """Rms of a cycle's innovations before and after, by channel; m/s² and rad."""
+    """Rms of a cycle's innovations before and after, by channel; m/s² and rad.
+
+    `names` are the effects in the model after: of a cycle held out, those that the others chose.
+    """
 
     cycle: int
     before: dict[str, float]
     after: dict[str, float]
+    names: tuple[str, ...]
 
 
-def held_out(before: FilterProblem, choices: Sequence[Choice]) -> tuple[CycleGap, ...]:
-    """Judge effects on each cycle by their sizes from the others.
+def held_out(source: RigSource, search: Search, choices: Sequence[Choice]) -> tuple[CycleGap, ...]:
+    """Judge effects on each cycle by the choice and the sizes of the others.
 
     Parameters
     ----------
-    before : FilterProblem
-        Of the present model.
+    source : RigSource
+    search : Search
+        Of the whole run: its laws and rules are those of every choice.
     choices : sequence of Choice
         The effects found.
 
     Returns
     -------
     tuple of CycleGap
-        None without effects.
+        None without effects, and none with a single cycle.
     """
-    if not choices:
+    cycles = range(len(source.run.cycles))
+    if not choices or len(cycles) < 2:
         return ()
-    effects = [(BY_NAME[c.name], c.theta) for c in choices]
-    seen = np.hstack(
-        [before.signature(e, theta).columns * before.prior_sigmas(e) for e, theta in effects]
-    )
-    y = before.problem().residual
-    cycle = before.found.cycle_of_step[before.step_of]
+    before = source.filter_with(())
     made: list[CycleGap] = []
-    for k in range(int(cycle.max()) + 1):
-        mine = cycle == k
-        was, left = _judged(seen[mine], y[mine], seen[~mine], y[~mine])
-        made.append(
-            CycleGap(
-                cycle=k + 1,
-                before=rms_by_channel(before, _squares(before, mine, was)),
-                after=rms_by_channel(before, _squares(before, mine, left)),
-            )
-        )
+    for k in cycles:
+        others = source.of_cycles([j for j in cycles if j != k])
+        chosen = Search(others, search.floor, search.laws, search.rules).chosen()
+        made.append(_gap_of(before, k, chosen))
     return tuple(made)
 
 
-def gaps_by_cycle(before: FilterProblem, after: FilterProblem) -> tuple[CycleGap, ...]:
+def _gap_of(before: FilterProblem, k: int, chosen: Sequence[Choice]) -> CycleGap:
+    """Return the gap in cycle k by effects with sizes from the other cycles."""
+    effects = [(BY_NAME[c.name], c.theta) for c in chosen]
+    y = before.residual
+    parts = [before.signature(e, theta).columns * before.prior_sigmas(e) for e, theta in effects]
+    seen = np.hstack([np.zeros((y.size, 0)), *parts])
+    mine = before.found.cycle_of_step[before.step_of] == k
+    was, left = _judged(seen[mine], y[mine], seen[~mine], y[~mine])
+    return CycleGap(
+        cycle=k + 1,
+        before=rms_by_channel(before, _squares(before, mine, was)),
+        after=rms_by_channel(before, _squares(before, mine, left)),
+        names=tuple(c.name for c in chosen),
+    )
+
+
+def gaps_by_cycle(
+    before: FilterProblem, after: FilterProblem, choices: Sequence[Choice]
+) -> tuple[CycleGap, ...]:
     """Return the innovations of every cycle by the filter of the present and the larger model."""
 
     def of_cycle(one: FilterProblem, k: int) -> dict[str, float]:
         mine = (one.found.cycle_of_step == k)[:, None]
         return rms_by_channel(one, np.where(mine, one.found.filtered.innovation**2, np.nan))
 
+    names = tuple(c.name for c in choices)
     return tuple(
-        CycleGap(cycle=k + 1, before=of_cycle(before, k), after=of_cycle(after, k))
+        CycleGap(cycle=k + 1, before=of_cycle(before, k), after=of_cycle(after, k), names=names)
         for k in range(len(before.cycles))
     )
 
@@ -83,6 +101,8 @@ def _judged(
     own: FloatArray, y: FloatArray, other: FloatArray, y_other: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return a cycle's normalised innovations before and after; columns count in prior sigmas."""
+    if own.shape[1] == 0:
+        return y, y
     known = other.T @ other + np.eye(own.shape[1])
     share, mixed = linalg.eigh(own.T @ own, known)
     judged = share <= 1.0

@@ -38,6 +38,19 @@ class RigSource:
         default_factory=dict[tuple[Choice, ...], Problem], repr=False
     )
 
+    def with_noise(self, noise: RigNoise) -> "RigSource":
+        """Return the same source under another noise: every model runs anew."""
+        return self._anew(self.run, noise)
+
+    def of_cycles(self, wanted: Sequence[int]) -> "RigSource":
+        """Return the source of some cycles alone, from 0."""
+        return self._anew(self.run.take_cycles(wanted), self.noise)
+
+    def _anew(self, run: RigRun, noise: RigNoise) -> "RigSource":
+        return RigSource(
+            run, self.mode, noise, self.interval_s, present=self.present, effects=self.effects
+        )
+
     @property
     def shown(self) -> tuple[RigEffect, ...]:
         """The effects for which the run holds what they need."""

@@ -1,7 +1,8 @@
 """White noise of a rig run from its own readings, where its sidecar does not state it."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from math import comb
+from math import comb, sqrt
 
 import numpy as np
 
@@ -12,9 +13,15 @@ from sinscal.rigdata import RigNoise
 from sinscal.run import RigFacts, RigRun
 
 BLOCK_S = 0.25  # over which readings are averaged first: quantisation is then nothing
-BLOCK_TURN_RAD = 0.02  # or less, where the run turns fast: gravity must look straight over a few
+# Or less, where the run turns fast: gravity must look straight over a few. The gyros see only the
+# earth's rate go round: of its 15 °/h a turn of 0.1 rad a block leaves 0.003 °/h.
+BLOCK_TURN_RAD, GYRO_TURN_RAD = 0.02, 0.1
 ORDER = 3  # of the differences in which the motion vanishes
 ROBUST = 0.6745  # median of |x| in sigmas
+# Variance of the logarithm of a sigma by the median of n third differences, times n: 1/(2 · 0.37)
+# if they were independent (0.37: the efficiency of a median), times 2.3, the sum of their squared
+# correlations (-15/20, 6/20, -1/20).
+MEDIAN_VARIANCE = 3.1
 LEAST = 1e-3  # of what was guessed: no estimate falls below
 
 
@@ -49,38 +56,69 @@ def noise_of_run(run: RigRun, *, angle: bool) -> NoiseFound:
     facts: RigFacts = run.facts
     estimated: list[str] = []
 
-    def density(name: str, stated: float | None, values: FloatArray | None) -> float:
-        if stated or values is None:
-            return stated or 0.0
+    def density(name: str, stated: float | None, found: Callable[[RigRun], Density]) -> float:
+        if stated:
+            return stated
         estimated.append(name)
-        return _density(run, values)
+        return found(run).value
 
     noise = RigNoise(
-        gyro=density("gyro", facts.gyro_noise, run.gyro),
-        accel=density("accelerometer", facts.accel_noise, run.accel),
-        angle=density("angle", facts.angle_noise, _angle(run) if angle else None),
+        gyro=density("gyro", facts.gyro_noise, gyro_density),
+        accel=density("accelerometer", facts.accel_noise, accel_density),
+        angle=density("angle", facts.angle_noise, angle_density) if angle else 0.0,
     )
     return NoiseFound(noise=noise, estimated=tuple(estimated))
 
 
-def _angle(run: RigRun) -> FloatArray:
-    assert run.rig_angle_rad is not None
-    return np.concatenate([np.unwrap(run.rig_angle_rad[rows])[:, None] for rows in run.cycles])
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Density:
+    """A density of white noise and its sigma."""
+
+    value: float
+    sigma: float
 
 
-def _density(run: RigRun, values: FloatArray) -> float:
-    """Return the density of what third differences of short means leave: noise, not motion."""
-    found: list[FloatArray] = []
+def gyro_density(run: RigRun) -> Density:
+    """Return the gyros' density, rad/s/√Hz: of those across the rotation, which see no motor."""
+    parts: list[FloatArray] = []
     for rows in run.cycles:
+        gyro = run.gyro[rows]
+        across = np.argsort(np.mean(gyro**2, axis=0))[:2]
+        parts.append(gyro[:, across])
+    return _density(run, parts, GYRO_TURN_RAD)
+
+
+def accel_density(run: RigRun) -> Density:
+    """Return the accelerometers' density, m/s²/√Hz."""
+    return _density(run, [run.accel[rows] for rows in run.cycles], BLOCK_TURN_RAD)
+
+
+def angle_density(run: RigRun) -> Density:
+    """Return the density of the rig's angle, rad/√Hz."""
+    assert run.rig_angle_rad is not None
+    angles = [np.unwrap(run.rig_angle_rad[rows])[:, None] for rows in run.cycles]
+    return _density(run, angles, BLOCK_TURN_RAD)
+
+
+def _density(run: RigRun, parts: Sequence[FloatArray], turn_rad: float) -> Density:
+    """Return the density of what third differences of short means leave: noise, not motion.
+
+    `parts` are the readings of each cycle.
+    """
+    found: list[FloatArray] = []
+    count = 0
+    for rows, values in zip(run.cycles, parts, strict=True):
         step_s = float(np.median(run.step_s[rows]))
         fastest = float(np.percentile(np.linalg.norm(run.gyro[rows], axis=1), 95))
-        block_s = min(BLOCK_S, BLOCK_TURN_RAD / max(fastest, 1e-9))
+        block_s = min(BLOCK_S, turn_rad / max(fastest, 1e-9))
         every = max(1, int(block_s / step_s))
-        part = values[rows]
-        part = part[: len(part) // every * every].reshape(-1, every, part.shape[1]).mean(axis=1)
+        part = values[: len(values) // every * every].reshape(-1, every, values.shape[1])
+        part = part.mean(axis=1)
         size = np.abs(np.diff(part, ORDER, axis=0)) / np.sqrt(comb(2 * ORDER, ORDER))
         found.append(np.median(size, axis=0) / ROBUST * np.sqrt(every * step_s))
-    return max(float(np.sqrt(np.mean(np.square(found)))), 1e-30)
+        count += part.size
+    value = max(float(np.sqrt(np.mean(np.square(found)))), 1e-30)
+    return Density(value=value, sigma=value * sqrt(MEDIAN_VARIANCE / max(count, 1)))
 
 
 def refined(before: NoiseFound, filtered: Filtered) -> NoiseFound:

@@ -106,7 +106,7 @@ def draw_cycles(d: RigDiscrepancy) -> Picture:
     names, what, unit, size = FORCES, "forces", "mm/s²", 1e-3
     if d.channel == ALONG:
         names, what, unit, size = (ALONG,), "rig's angle", "″", ARCSEC
-    panels = [(d.gaps, "in the filter"), (d.heldout, "held out, sizes from the others")]
+    panels = [(d.gaps, "in the filter"), (d.heldout, "held out: chosen and sized by the others")]
     panels = [(gaps, title) for gaps, title in panels if gaps]
     figure = new_figure(4.6 * len(panels) + 1.0, 3.6)
     drawn = np.atleast_1d(figure.subplots(1, len(panels), sharey=True))
@@ -128,8 +128,8 @@ def draw_cycles(d: RigDiscrepancy) -> Picture:
     labels = ["present model", *(["with the effect"] if d.effects else []), "noise alone"]
     legend_below(figure, handles, labels, enlarge=1)
     caption = (
-        "Innovations of every cycle against what the noise stated leaves: by the filter of either "
-        "model, and with sizes from the other cycles (what only this cycle shows is left out of "
-        "both)."
+        "Innovations of every cycle against what noise alone leaves: by the filter of either "
+        "model, and with choice and sizes from the other cycles (what only this cycle shows is "
+        "left out of both)."
     )
     return picture(figure, "cycles.png", caption)

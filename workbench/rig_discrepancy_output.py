@@ -9,6 +9,8 @@ from rich.console import RenderableType
 from sinscal.consistency import FORCES
 from sinscal.discrepancy import RigDiscrepancy
 from sinscal.discrepancy_holdout import CycleGap
+from sinscal.discrepancy_noise import MeasuredNoise
+from sinscal.earth import ARCSEC, DEG_PER_H
 from sinscal.rig_model_file import BiasStep, FoundValue, RigModelFile
 from workbench.console import number, table
 from workbench.discrepancy_output import VERDICT_WORDS, conclusion_document, rival_lines
@@ -19,7 +21,7 @@ from workbench.rig_calibrate_output import TOLD_IN, told_group
 def where_words(d: RigDiscrepancy) -> str:
     """Say in words which factor carries the excess."""
     if d.where is None:
-        return "The innovations are what the noise stated makes."
+        return "The innovations are what noise alone makes."
     if d.effects:
         name = max(d.effects, key=lambda e: e.strength_d).effect.name
         return f"Most of the excess is in {d.channel}; {name} goes with the {d.where}."
@@ -50,12 +52,24 @@ def rig_document(d: RigDiscrepancy) -> dict[str, Any]:
         "rms_after_si": d.rms_after,
         "floor_si": d.floor,
         "gaps": [_gap(g) for g in d.gaps],
-        "heldout": {"runs": [_gap(g) for g in d.heldout]},
+        "heldout": {
+            "runs": [{**_gap(g), "named_without_it": list(g.names)} for g in d.heldout],
+        },
         "invisible": list(d.invisible),
         "smallest_nameable": {
             n: {"value": v, "unit": u} for n, (v, u) in d.smallest_nameable.items()
         },
         "next_experiment": {"text": d.experiment} if d.experiment else None,
+        "noise": {
+            n.sensors: {
+                "stated": n.stated,
+                "measured": n.found.value,
+                "sigma": n.found.sigma,
+                "unit": n.unit,
+                "differs": n.differs,
+            }
+            for n in d.noise
+        },
         **conclusion_document(d),
     }
 
@@ -76,10 +90,29 @@ def rig_lines(d: RigDiscrepancy) -> Iterator[str]:
         f"Innovations of the forces {number(before, 3)} m/s² rms with the present model, "
         f"{number(after, 3)} m/s² with the effect; noise alone {number(floor, 3)} m/s²."
     )
+    for n in d.noise:
+        if n.differs:
+            yield f"The noise stated beside the run is not its noise: {told_noise(n)}."
+    for g in d.heldout:
+        if set(g.names) != {e.effect.name for e in d.effects}:
+            others = " and ".join(g.names) or "nothing"
+            yield f"Without cycle {g.cycle} the others would name {others}."
     if d.invisible:
         yield f"This run cannot show at all: {', '.join(d.invisible)}."
     if d.experiment:
         yield f"Next experiment: {d.experiment}."
+
+
+def told_noise(n: MeasuredNoise) -> str:
+    """Return a density as measured, with its sigma, beside what is stated of it."""
+    name, unit, size = {
+        "gyro": ("gyros", "°/h/√Hz", DEG_PER_H),
+        "accel": ("accelerometers", "m/s²/√Hz", 1.0),
+        "angle": ("the rig's angle", "″/√Hz", ARCSEC),
+    }[n.sensors]
+    stated = f"stated {number(n.stated / size, 3)}" if n.stated else "not stated"
+    measured = value_and_sigma(n.found.value / size, n.found.sigma / size)
+    return f"{name} {measured} {unit}, {stated}"
 
 
 def rms_of_forces(by_channel: Mapping[str, float]) -> float:

@@ -4,14 +4,13 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from sinscal.discrepancy import RigDiscrepancy
-from sinscal.earth import ARCSEC, DEG_PER_H
 from sinscal.run import RigRun
 from workbench.console import number
 from workbench.discrepancy_output import VERDICT_WORDS
 from workbench.discrepancy_page import VerdictPage, render_verdicts
 from workbench.figures_rig_discrepancy import draw_cycles, draw_innovations
 from workbench.rig_calibrate_output import TOLD_IN, told_group
-from workbench.rig_discrepancy_output import rig_lines, told_parameters
+from workbench.rig_discrepancy_output import rig_lines, told_noise, told_parameters
 
 CONVENTIONS = (
     "Innovations are what the filter's measurements differ by from its forecast. Over their sigmas "
@@ -19,8 +18,9 @@ CONVENTIONS = (
     "it through the filter's gains, and the effect named has joined a filter run anew.",
     "The rows rig_axis_1 and rig_axis_2 are across the rig's axis: their noise is a bound, and the "
     "second to fourth harmonics of the rotation in them are the bearing's.",
-    "Held out: an effect's sizes are taken from the other cycles; a size that they do not show "
-    "stays zero. Noise alone is what the noise stated would leave.",
+    "Held out: effects are chosen anew without the cycle, and their sizes taken from the other "
+    "cycles; a size that they do not show stays zero. Noise alone is what the noise measured "
+    "would leave.",
 )
 
 
@@ -78,11 +78,4 @@ def _rivals(d: RigDiscrepancy) -> Iterator[tuple[str, str, str, str]]:
 
 
 def _noise(d: RigDiscrepancy) -> str:
-    noise = d.source.noise
-    text = (
-        f"as stated beside the run: gyros {number(noise.gyro / DEG_PER_H, 3)} °/h/√Hz, "
-        f"accelerometers {number(noise.accel, 3)} m/s²/√Hz"
-    )
-    if d.source.mode == "precise":
-        text += f", the rig's angle {number(noise.angle / ARCSEC, 3)} ″/√Hz"
-    return text
+    return f"measured in this run: {'; '.join(told_noise(n) for n in d.noise)}"

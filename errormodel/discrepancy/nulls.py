@@ -2,8 +2,9 @@
 
 Draws take their noise from all shapes the data allow, by their likelihood, and each draw's noise
 is estimated anew before its statistics are formed: not knowing the noise is part of the law. The
-tail of each statistic is an exponential fitted to the draws above their upper fifth; the smallest
-p-value of the library has a law of its own, from the same draws.
+tail of each statistic is an exponential fitted to the uppermost draws, a fifth of them but no more
+than a hundred: the further out, the more nearly the tail is one. The smallest p-value of the
+library has a law of its own, from the same draws.
 """
 
 from concurrent.futures import ThreadPoolExecutor
@@ -16,9 +17,11 @@ from errormodel.discrepancy.coloured import NoiseShape, TimeBase
 from errormodel.discrepancy.events import event_ratios, shapes_allowed
 from errormodel.discrepancy.floor import PENALTY, NoiseFloor, Restricted
 from errormodel.discrepancy.problem import Problem
+from errormodel.discrepancy.scale import Scales
 from errormodel.discrepancy.scan import Prepared, View
 
 TAIL_SHARE = 0.2
+TAIL_MOST = 100  # draws: an exponential's scale is then known to a tenth
 PART = 50  # draws that are worked on together
 
 
@@ -40,13 +43,14 @@ class NullLaw:
     def p_values(self, values: FloatArray) -> FloatArray:
         """Return the same for many values."""
         ordered = np.sort(self.draws)
-        edge = float(np.quantile(ordered, 1.0 - TAIL_SHARE))
+        share = min(TAIL_SHARE, TAIL_MOST / ordered.size)
+        edge = float(np.quantile(ordered, 1.0 - share))
         beyond = ordered[ordered > edge] - edge
         scale = float(np.mean(beyond)) if beyond.size else 1e-9
         above = ordered.size - np.searchsorted(ordered, values, side="left")
         inner = (above + 0.5) / (ordered.size + 1.0)
-        tail = TAIL_SHARE * np.exp(-np.maximum(values - edge, 0.0) / max(scale, 1e-9))
-        return np.where(values > edge, np.minimum(tail, TAIL_SHARE), np.minimum(inner, 1.0))
+        tail = share * np.exp(-np.maximum(values - edge, 0.0) / max(scale, 1e-9))
+        return np.where(values > edge, np.minimum(tail, share), np.minimum(inner, 1.0))
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -130,7 +134,7 @@ def calibrate(
     -------
     Calibration
     """
-    noise = draw_noise(problem.times, floor, draws, rng)
+    noise = Scales(problem).normalised(draw_noise(problem.times, floor, draws, rng))
     for candidate in problem.candidates:
         candidate.prepared()  # once, before the threads would each do it
     shapes_of_events = _shapes_of_events(problem, floor)

@@ -108,6 +108,9 @@ class Problem:
         Names of effects that a new run would not repeat.
     bounded : ndarray of bool, shape (n,), optional
         Samples whose noise is no larger than `sigma`, and may be far less.
+    scaled : tuple of ndarray of bool, each (n,)
+        Groups of samples whose sigma was found in these data, beside `saturated`: so it is in
+        every draw.
     """
 
     times: TimeBase
@@ -120,6 +123,7 @@ class Problem:
     sigma: float | None = None
     events: frozenset[str] = frozenset()
     bounded: NDArray[np.bool_] | None = None
+    scaled: tuple[NDArray[np.bool_], ...] = ()
 
     def __post_init__(self) -> None:
         n = len(self.times)
