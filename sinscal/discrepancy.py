@@ -24,6 +24,9 @@ from sinscal.rig_effects import BY_NAME, RigEffect
 from sinscal.rig_model_file import RigModelFile, check_needs
 from sinscal.run import RigRun
 
+# A jump of strength seven, the least that is to be named, explains 49, and luck some 10 of it: one
+# that explains less beside a strong effect follows what is not known of that one's shape.
+RULES = Rules(further_event=Rules().further)
 DRAWS = 1000  # of which the uppermost hundred make the tail of a law
 Tell = Callable[[str], None]
 
@@ -130,7 +133,7 @@ def find_rig_discrepancy(
     InputError
         If the run lacks what the mode needs.
     """
-    rules = rules or Rules()
+    rules = rules or RULES
     angle = run.rig_angle_rad is not None and run.facts.axis_of_cycle is not None
     by_data: Mode = "precise" if angle else "coarse"
     mode = mode or (present.mode if present else by_data)

@@ -17,6 +17,9 @@ BLOCK_S = 0.25  # over which readings are averaged first: quantisation is then n
 # earth's rate go round: of its 15 °/h a turn of 0.1 rad a block leaves 0.003 °/h.
 BLOCK_TURN_RAD, GYRO_TURN_RAD = 0.02, 0.1
 ORDER = 3  # of the differences in which the motion vanishes
+# The motor changes its rate where the rate's differences are beyond so many of their medians: there
+# misalignments carry the motion into every sensor.
+RATE_CHANGES = 10.0
 ROBUST = 0.6745  # median of |x| in sigmas
 # Variance of the logarithm of a sigma by the median of n third differences, times n: 1/(2 · 0.37)
 # if they were independent (0.37: the efficiency of a median), times 2.3, the sum of their squared
@@ -112,13 +115,19 @@ def _density(run: RigRun, parts: Sequence[FloatArray], turn_rad: float) -> Densi
         fastest = float(np.percentile(np.linalg.norm(run.gyro[rows], axis=1), 95))
         block_s = min(BLOCK_S, turn_rad / max(fastest, 1e-9))
         every = max(1, int(block_s / step_s))
-        part = values[: len(values) // every * every].reshape(-1, every, values.shape[1])
-        part = part.mean(axis=1)
-        size = np.abs(np.diff(part, ORDER, axis=0)) / np.sqrt(comb(2 * ORDER, ORDER))
+        rate = _differences(np.linalg.norm(run.gyro[rows], axis=1)[:, None], every)[:, 0]
+        calm = rate <= RATE_CHANGES * np.median(rate)
+        size = _differences(values, every)[calm]
         found.append(np.median(size, axis=0) / ROBUST * np.sqrt(every * step_s))
-        count += part.size
+        count += size.size
     value = max(float(np.sqrt(np.mean(np.square(found)))), 1e-30)
     return Density(value=value, sigma=value * sqrt(MEDIAN_VARIANCE / max(count, 1)))
+
+
+def _differences(values: FloatArray, every: int) -> FloatArray:
+    """Return the sizes of third differences of means of so many readings, as one mean's noise."""
+    part = values[: len(values) // every * every].reshape(-1, every, values.shape[1]).mean(axis=1)
+    return np.abs(np.diff(part, ORDER, axis=0)) / np.sqrt(comb(2 * ORDER, ORDER))
 
 
 def refined(before: NoiseFound, filtered: Filtered) -> NoiseFound:

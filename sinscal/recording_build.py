@@ -26,6 +26,7 @@ from sinscal.recording_rows import (
 from sinscal.run import AXES, BoolArray, RigFacts, RigRun
 
 BRIDGE = 5  # steps
+NEITHER = "expected either; navigation outputs are for rig calibrate --mode navigation alone"
 GAP = 1.5  # steps: a longer one misses a row
 MAX_PIECES = 20  # of one cycle: more holes than that are no recording
 MAX_MISSING = 0.1  # share of a column in a cycle
@@ -128,7 +129,7 @@ def _triple(raw: RawTable, mean: str, increment: str, own_s: FloatArray) -> Floa
         name for name in (mean, increment) if any(f"{name}_{axis}" in raw.number for axis in AXES)
     ]
     if len(found) != 1:
-        what = "both given, expected one of them" if found else "expected either"
+        what = "both given, expected one of them" if found else NEITHER
         raise InputError(raw.source, "header", f"columns {mean}_*, {increment}_*: {what}")
     names = [f"{found[0]}_{axis}" for axis in AXES]
     missing = [name for name in names if name not in raw.number]

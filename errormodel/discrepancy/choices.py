@@ -26,6 +26,8 @@ class Rules:
     further : float
         What a further effect must explain, beyond luck, beside one that is named already: the
         shape of the first is never known quite.
+    further_event : float
+        The same for a further event.
     alpha_rest : float
         The same for what is left to be called unexplained.
     alias : float
@@ -47,6 +49,7 @@ class Rules:
     alpha_event: float = 0.008
     least: float = 10.0
     further: float = 30.0
+    further_event: float = 0.0
     alpha_rest: float = 0.002
     alias: float = 9.0
     share: float = 0.6

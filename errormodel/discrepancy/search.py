@@ -72,7 +72,7 @@ class Search:
             if not ranked or not self._enters(ranked[0]):
                 break
             best = ranked[0].found
-            if chosen and not best.candidate.event and self._is_shape(ranked[0], view):
+            if chosen and self._is_shape(ranked[0], view):
                 break
             self._entered[best.candidate.name] = ranked[0].p_value
             chosen.append(Choice(best.candidate.name, best.theta))
@@ -167,6 +167,8 @@ class Search:
 
     def _is_shape(self, one: Ranked, view: View) -> bool:
         """Tell whether an effect is only the ill-known shape of those named before it."""
+        if one.found.candidate.event:
+            return one.score < self.rules.further_event
         if one.score < self.rules.further:
             return True
         plain = self.view([])

@@ -1,6 +1,7 @@
 """Which rig runs the benchmark is made of: a fixed list of recipes; seeds are added by the run."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import product
 
 from tests.hidden.rig_sets import MODES, NEED_ANGLE, PARTS, PROTOCOLS, RigRecipe
@@ -91,6 +92,14 @@ def medium() -> list[RigRecipe]:
         *list(pairs())[::2],
         *list(outside(40.0))[::2],
     ]
+
+
+def misstated() -> list[RigRecipe]:
+    """Return sets whose sidecar states other densities of noise than the true ones."""
+    sets = [*nulls(4), *singles((12.0,))]
+    wrong = list(product((0.7, 1.4), repeat=3))
+    # three is prime to eight: neighbours, which are alike, get them all
+    return [replace(r, stated=wrong[3 * k % len(wrong)]) for k, r in enumerate(sets)]
 
 
 def small() -> list[RigRecipe]:

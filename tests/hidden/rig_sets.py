@@ -44,12 +44,17 @@ NEED_ANGLE = ("rig_time_offset", "rig_mount", "rig_angle_harmonic")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RigRecipe:
-    """What to hide, by strength d, in which programme, with the rig's angle or without."""
+    """What to hide, by strength d, in which programme, with the rig's angle or without.
+
+    `stated` are the densities that the sidecar states over the true ones (gyros, accelerometers,
+    angle).
+    """
 
     group: str
     protocol: str
     mode: str
     strengths: Mapping[str, float]
+    stated: tuple[float, float, float] = (1.0, 1.0, 1.0)
 
     def __post_init__(self) -> None:
         unknown = set(self.strengths) - set(PARTS) - set(STRANGERS)
@@ -86,7 +91,7 @@ def write_rig_set(
     write_rig_run(
         folder / "run.csv",
         seed=int(rng.integers(2**31)),
-        setup=recipe.setup,
+        setup=replace(recipe.setup, stated=recipe.stated),
         values=values,
         stranger=_all(strangers) if strangers else None,
     )

@@ -71,6 +71,8 @@ class Setup:
     angle_noise_arcsec: float = 15.0
     gyro_quantum: float = 2e-8  # rad and m/s, of the increments
     accel_quantum: float = 1e-5
+    # what the sidecar states over what is true: noise of gyros, accelerometers, angle
+    stated: tuple[float, float, float] = (1.0, 1.0, 1.0)
     scale_of_priors: float = 1.0
 
 

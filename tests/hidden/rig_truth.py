@@ -255,17 +255,18 @@ def _check_shown(setup: Setup, effects: Sequence[str]) -> None:
 def sidecar(setup: Setup) -> str:
     """Return the sidecar's text: what the laboratory knows."""
     names = ", ".join(f'"{a}"' for a in setup.axes)
+    gyro, accel, angle = setup.stated
     lines = [
         f"latitude_deg = {setup.rig.latitude_deg}",
         f"height_m = {setup.rig.height_m}",
         f"axis_of_cycle = [{names}]",
         f"azimuth_deg = {setup.rig.azimuth_deg - setup.azimuth_error_deg}",
         "azimuth_sigma_deg = 1.0",
-        f"gyro_noise_deg_h_rthz = {setup.gyro_noise_deg_h}",
-        f"accel_noise_m_s2_rthz = {setup.accel_noise}",
+        f"gyro_noise_deg_h_rthz = {gyro * setup.gyro_noise_deg_h}",
+        f"accel_noise_m_s2_rthz = {accel * setup.accel_noise}",
     ]
     if setup.angles:
-        lines.append(f"angle_noise_arcsec_rthz = {setup.angle_noise_arcsec}")
+        lines.append(f"angle_noise_arcsec_rthz = {angle * setup.angle_noise_arcsec}")
     return "\n".join(lines) + "\n"
 
 

@@ -8,7 +8,7 @@ import pytest
 from sinscal.discrepancy import find_rig_discrepancy
 from sinscal.recording import read_rig_run
 from tests.hidden.benchmark import RIGS, Bench, run
-from tests.hidden.rig_plan import SIX, full, medium, nulls, recipe, singles, small
+from tests.hidden.rig_plan import SIX, full, medium, misstated, nulls, recipe, singles, small
 from tests.hidden.rig_scoring import RIG, rig_acceptance
 from tests.hidden.rig_sets import PARTS, RigRecipe, write_rig_set
 from tests.hidden.rig_setup import EFFECTS
@@ -123,3 +123,16 @@ def test_every_kind_of_set(tmp_path: Path) -> None:
     assert sum(s.wrong_bare for s in sets if s.group in RIG.groups) <= 1  # P(> 1 of 18 | 1 %)
     outside = [s for s in sets if s.group == "outside"]
     assert [(s.hidden, s.verdict) for s in outside if not s.outcome.startswith("unex")] == []
+
+
+@pytest.mark.slow
+def test_densities_stated_wrongly_do_no_harm(tmp_path: Path) -> None:
+    sets = run(Bench(work=tmp_path, recipes=misstated(), seed=34, kind=RIGS))
+    false = [(s.verdict, s.bare) for s in sets if not s.hidden and s.outcome != "silent"]
+    assert len(false) <= 2, false  # P(> 2 of 16 | 2 %) = 4e-3
+    wrong = [
+        (s.hidden, s.verdict, s.bare)
+        for s in sets
+        if s.hidden and s.outcome not in ("named", "alias")
+    ]
+    assert len(wrong) <= 2, wrong  # P(> 2 of 11 | 2 %) = 1e-3

@@ -5,12 +5,16 @@ triad is a triad, so the same readings stand for our body axes, and the azimuth 
 is the same in both. It has the earth of WGS 84 and gravity of its own.
 """
 
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+
 import numpy as np
 from pyins import sim
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from sinscal.calibrate import RigCalibration
+from sinscal.discrepancy import find_rig_discrepancy
 from sinscal.earth import DEG_PER_H, Site
 from sinscal.judged import Options, calibrate_and_judge
 from sinscal.priors import make_prior
@@ -50,11 +54,13 @@ def cycle_of(axis: int) -> tuple[np.ndarray, np.ndarray]:
     return readings[:, :3], readings[:, 3:]
 
 
-def test_coarse_calibration_finds_the_errors_put_into_python_ins() -> None:
-    rng = np.random.default_rng(7)
-    sensors = sensor_model()
-    sigma = np.sqrt(np.diag(make_prior(sensors).cov))
-    truth = dict(zip(sensors.names, sigma * rng.standard_normal(sigma.size), strict=True))
+Force = Callable[[np.ndarray, np.ndarray], np.ndarray]
+
+
+def recorded(
+    rng: np.random.Generator, truth: Mapping[str, float], more: Force | None = None
+) -> RigRun:
+    """Return a run of three cycles by sensors with errors; `more` adds a force of rates, forces."""
     theta, gamma = np.eye(3), np.eye(3)
     for i, a in enumerate("xyz"):
         theta[i, i] += truth[f"gyro_scale_{a}"]
@@ -67,11 +73,13 @@ def test_coarse_calibration_finds_the_errors_put_into_python_ins() -> None:
     gyro, accel = [], []
     for axis in range(3):
         dtheta, dv = cycle_of(axis)
-        w, f = HZ * dtheta @ theta.T + drift, HZ * dv @ gamma.T + bias
+        w, f = HZ * dtheta, HZ * dv
+        extra = np.zeros_like(f) if more is None else more(w, f)
+        w, f = w @ theta.T + drift, f @ gamma.T + bias + extra
         gyro.append(w + GYRO_NOISE * np.sqrt(HZ) * rng.standard_normal(w.shape))
         accel.append(f + ACCEL_NOISE * np.sqrt(HZ) * rng.standard_normal(f.shape))
     n = len(gyro[0])
-    run = RigRun(
+    return RigRun(
         time_s=np.tile(np.arange(1, n + 1) / HZ, 3),
         step_s=np.full(3 * n, 1.0 / HZ),
         cycle=np.repeat(np.arange(3), n),
@@ -84,7 +92,19 @@ def test_coarse_calibration_finds_the_errors_put_into_python_ins() -> None:
             accel_noise=ACCEL_NOISE,
         ),
     )
-    judged = calibrate_and_judge(run, Options())
+
+
+def drawn(rng: np.random.Generator) -> dict[str, float]:
+    """Return errors as every calibration expects them."""
+    sensors = sensor_model()
+    sigma = np.sqrt(np.diag(make_prior(sensors).cov))
+    return dict(zip(sensors.names, sigma * rng.standard_normal(sigma.size), strict=True))
+
+
+def test_coarse_calibration_finds_the_errors_put_into_python_ins() -> None:
+    rng = np.random.default_rng(7)
+    truth = drawn(rng)
+    judged = calibrate_and_judge(recorded(rng, truth), Options())
     found = judged.found
     assert isinstance(found, RigCalibration)
     errors = (found.values - np.array([truth[k] for k in found.names])) / found.sigmas
@@ -93,3 +113,43 @@ def test_coarse_calibration_finds_the_errors_put_into_python_ins() -> None:
     apart = (found.north_azimuth_rad - np.deg2rad(35.0)) / found.north_sigma_rad
     assert np.abs(apart).max() < 4.0
     assert judged.passed, judged.warnings
+
+
+ARMS = np.array([[0.05, -0.2, 0.1], [0.1, 0.1, 0.0], [0.0, 0.15, -0.1]])  # rows: masses, m
+BENT = 2e-5  # of x, s²/m: 200 µg/g²
+
+
+def arms_and_bent(w: np.ndarray, f: np.ndarray) -> np.ndarray:
+    """Return what masses off the centre feel, and a second order of x."""
+    turned = np.gradient(w, 1.0 / HZ, axis=0)
+    felt = [np.cross(turned, r) + np.cross(w, np.cross(w, r)) for r in ARMS]
+    out = np.column_stack([one[:, k] for k, one in enumerate(felt)])
+    out[:, 0] += BENT * f[:, 0] ** 2
+    return out
+
+
+def test_two_effects_hidden_in_python_ins_are_named_and_sized() -> None:
+    rng = np.random.default_rng(8)
+    run = recorded(rng, drawn(rng), arms_and_bent)
+    # stated too small, the noise would make effects; it is measured
+    run = replace(run, facts=replace(run.facts, accel_noise=0.7 * ACCEL_NOISE))
+    found = find_rig_discrepancy(run, draws=200)
+    assert found.verdict == "named"
+    assert {e.effect.name for e in found.effects} == {"lever_arm", "accel_second_order"}
+    parameters = {n: p for e in found.effects for n, p in e.parameters.items()}
+    true = {
+        f"lever_arm_{a}_{b}": ARMS[i, j] for i, a in enumerate("xyz") for j, b in enumerate("xyz")
+    }
+    true |= {f"accel_second_order_{a}": BENT * (a == "x") for a in "xyz"}
+    for name, value in true.items():
+        # of twelve values one in 1300 runs lies beyond four sigma
+        assert abs(parameters[name].value - value) < 4.0 * parameters[name].sigma, name
+    stated = {n.sensors: n.differs for n in found.noise}
+    assert stated == {"gyro": False, "accel": True}
+    # a cycle held out: the choice of the others is the same, each time
+    assert all(set(g.names) == {"lever_arm", "accel_second_order"} for g in found.heldout)
+
+
+def test_python_ins_alone_hides_nothing() -> None:
+    rng = np.random.default_rng(9)
+    assert find_rig_discrepancy(recorded(rng, drawn(rng)), draws=200).verdict == "nothing"

@@ -112,7 +112,7 @@ def test_increments_are_the_same_run(tmp_path):
         (HEADER + rows([0.01, 0.02], gyro="a,0,0"), "line 2", "gyro_x 'a', expected a number"),
         (HEADER + rows([0.01]) + "0.02,0.5,0,0,0,0,0,9.8\n", "line 3", "cycle 0.5"),
         (HEADER.replace("gyro_z", "gyro_q") + rows([0, 1]), "header", "no column gyro_z"),
-        (HEADER.replace("gyro_", "g_") + rows([0, 1]), "header", "expected either"),
+        (HEADER.replace("gyro_", "g_") + rows([0, 1]), "header", "expected either; nav"),
         (HEADER + rows([0.01]), "", "no cycle has two rows"),
         (HEADER + rows([0, 1, 2, 3], gyro=",0,0"), "column gyro_x", "is empty"),
     ],
