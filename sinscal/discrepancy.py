@@ -28,6 +28,9 @@ from sinscal.run import RigRun
 # that explains less beside a strong effect follows what is not known of that one's shape.
 RULES = Rules(further_event=Rules().further)
 DRAWS = 1000  # of which the uppermost hundred make the tail of a law
+# Fewer, yet not fewer than so many, of a run so long that all draws would be more than a quarter of
+# a gigabyte.
+LEAST_DRAWS, MOST_NUMBERS = 200, 30_000_000
 Tell = Callable[[str], None]
 
 
@@ -118,7 +121,7 @@ def find_rig_discrepancy(
         The present model; by default the basic errors alone (`sinscal.terms.BASIC`).
     rules : Rules, optional
     draws : int
-        Simulated nulls that calibrate every statistic.
+        Simulated nulls that calibrate every statistic; of a run of many hours fewer are made.
     seed : int
         Of the draws.
     tell : callable, optional
@@ -147,6 +150,7 @@ def find_rig_discrepancy(
     source = source.with_noise(noise)
     problem = source.problem((), NoiseShape())
     floor = NoiseFloor(shape=NoiseShape(), sigma=1.0, support=((1.0, NoiseShape()),))
+    draws = min(draws, max(LEAST_DRAWS, MOST_NUMBERS // problem.residual.size))
     tell(f"{draws} simulated nulls")
     laws = simulate_nulls(problem, floor, draws=draws, rng=np.random.default_rng(seed))
     search = Search(source, floor, laws, rules)

@@ -205,7 +205,8 @@ class FilterProblem:
         """Return an effect as a candidate."""
         if effect.step is None:
             return Candidate(name=effect.name, signature=lambda theta: self.signature(effect, ()))
-        times = np.round(np.linspace(EDGE_S, float(self.elapsed_s[-1]) - EDGE_S, STEP_TIMES), 3)
+        first, last = self._span_s
+        times = np.round(np.linspace(first + EDGE_S, last - EDGE_S, STEP_TIMES), 3)
         grid = tuple((float(t),) for t in times)
         apart = float(times[1] - times[0])
 
@@ -222,11 +223,16 @@ class FilterProblem:
             event=True,
         )
 
+    @property
+    def _span_s(self) -> tuple[float, float]:
+        """Begin and end on the clock of the whole run, of which this may be some cycles."""
+        return float(self.elapsed_s[0]), float(self.elapsed_s[-1])
+
     def _about(self, theta: Theta, apart: float) -> tuple[Theta, ...]:
         """Return times about one of a jump."""
         offsets = np.arange(-FINER, FINER + 1) / FINER * apart
-        last = float(self.elapsed_s[-1])
-        return tuple((float(t),) for t in theta[0] + offsets if 0.0 < t < last)
+        first, last = self._span_s
+        return tuple((float(t),) for t in theta[0] + offsets if first < t < last)
 
     def _gains(self, effect: RigEffect, thetas: Sequence[Theta]) -> FloatArray:
         """Return how much chi-square an effect explains at some nonlinear parameters."""
@@ -239,7 +245,8 @@ class FilterProblem:
 
     def time_sigma_s(self, effect: RigEffect, theta: Theta) -> float:
         """Return how well the time of a jump is known, by the likelihood of the times about it."""
-        apart = (float(self.elapsed_s[-1]) - 2.0 * EDGE_S) / (STEP_TIMES - 1)
+        first, last = self._span_s
+        apart = (last - first - 2.0 * EDGE_S) / (STEP_TIMES - 1)
         while True:
             thetas = self._about(theta, apart)
             gains = self._gains(effect, thetas)
