@@ -11,12 +11,13 @@ import argparse
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
-from tests.hidden.rig_motion import AXES, STEP_S, Floats, Motion, move
+from tests.hidden.rig_motion import AXES, STEP_S, Floats, Motion, Rig, move
 from tests.hidden.rig_setup import (
     ARCSEC,
     DEG_H,
@@ -28,6 +29,7 @@ from tests.hidden.rig_setup import (
     multirate,
 )
 
+MOTION_ARRAYS = ("omega_ib", "omega_eb", "alpha_eb", "gravity_b")
 # What no table of parameters holds: adds to rates and forces, each (n, 3), of a motion at times t
 # with the sensors' temperatures x from the reference.
 Stranger = Callable[[Motion, Floats, Floats], tuple[Floats, Floats]]
@@ -102,6 +104,17 @@ def counted(increments: Floats, quantum: float) -> Floats:
     return np.diff(quantum * np.round(np.cumsum(increments, axis=0) / quantum), axis=0, prepend=0.0)
 
 
+@lru_cache(maxsize=6)
+def _moved(
+    rig: Rig, axis: int, programme: tuple[tuple[float, float], ...], mount: tuple[float, ...]
+) -> Motion:
+    """Return a cycle's motion, which most sets of a benchmark share; nobody may change it."""
+    motion = move(rig, axis, programme, np.array(mount))
+    for name in MOTION_ARRAYS:
+        getattr(motion, name).flags.writeable = False
+    return motion
+
+
 def record_cycle(
     setup: Setup,
     truth: Truth,
@@ -112,7 +125,8 @@ def record_cycle(
 ) -> tuple[pd.DataFrame, Motion]:
     """Move through one cycle and record it."""
     axis = AXES.index(setup.axes[number])
-    motion = move(setup.rig, axis, setup.programme, truth.vec("rig_mount"))
+    mount = tuple(truth.vec("rig_mount").tolist())
+    motion = _moved(setup.rig, axis, tuple(setup.programme), mount)
     every = round(setup.period_s / STEP_S)
     n = len(motion.omega_ib) // every
     t = start_s + STEP_S * (np.arange(n * every) + 0.5)
@@ -169,8 +183,7 @@ def encoder(
 
 def cut(motion: Motion, n: int, every: int = 1) -> Motion:
     """Return the first n steps, or of these one in so many."""
-    names = ("omega_ib", "omega_eb", "alpha_eb", "gravity_b")
-    taken = {name: getattr(motion, name)[:n:every] for name in names}
+    taken = {name: getattr(motion, name)[:n:every] for name in MOTION_ARRAYS}
     return replace(motion, angle=motion.angle[: n + 1 : every], **taken)
 
 
