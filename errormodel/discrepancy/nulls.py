@@ -22,7 +22,9 @@ from errormodel.discrepancy.scan import Prepared, View
 
 TAIL_SHARE = 0.2
 TAIL_MOST = 100  # draws: an exponential's scale is then known to a tenth
-PART = 50  # draws that are worked on together
+# Draws that are worked on together: few where each has its own noise estimated, more where it is
+# known and a part's work is mostly to make the candidates ready.
+PART, PART_OF_KNOWN = 50, 250
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -138,7 +140,8 @@ def calibrate(
     for candidate in problem.candidates:
         candidate.prepared()  # once, before the threads would each do it
     shapes_of_events = _shapes_of_events(problem, floor)
-    parts: list[FloatArray] = [noise[:, k : k + PART] for k in range(0, draws, PART)]
+    size = PART if problem.noise is None else PART_OF_KNOWN
+    parts: list[FloatArray] = [noise[:, k : k + size] for k in range(0, draws, size)]
 
     def values(own: FloatArray) -> tuple[FloatArray, FloatArray]:
         return _null_values(problem, floor, own, shapes_of_events)
