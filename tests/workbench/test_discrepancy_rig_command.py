@@ -136,11 +136,10 @@ def test_misuse_and_bad_input_are_one_line_and_write_nothing(
     frame = pd.read_csv(lever)
     frame.drop(columns="gyro_x").to_csv(broken, index=False)
     broken.with_suffix(".toml").write_bytes(lever.with_suffix(".toml").read_bytes())
-    quiet = tmp_path / "quiet.csv"
-    frame.to_csv(quiet, index=False)
-    lines = lever.with_suffix(".toml").read_text(encoding="utf-8").splitlines()
-    kept = [line for line in lines if not line.startswith("accel_noise")]
-    quiet.with_suffix(".toml").write_text("\n".join(kept), encoding="utf-8")
+    outputs = tmp_path / "outputs.csv"
+    sensors = {f"{kind}_{a}" for kind in ("gyro", "accel") for a in "xyz"}
+    frame.drop(columns=sorted(sensors)).assign(roll_deg=0.0).to_csv(outputs, index=False)
+    outputs.with_suffix(".toml").write_bytes(lever.with_suffix(".toml").read_bytes())
     coarse = tmp_path / "coarse.toml"
     coarse.write_text('mode = "coarse"\ngroups = ["rig_time_offset"]\n', encoding="utf-8")
     unknown = tmp_path / "unknown.toml"
@@ -149,7 +148,7 @@ def test_misuse_and_bad_input_are_one_line_and_write_nothing(
     cases = [
         ((tmp_path / "nowhere.csv",), "nowhere.csv"),
         ((broken,), "gyro_x"),
-        ((quiet,), "accel_noise"),
+        ((outputs,), "navigation outputs are for rig calibrate --mode navigation alone"),
         ((lever, "--model", coarse), "expected mode 'precise'"),
         ((lever, "--model", unknown), "no group 'lever'"),
         ((lever, "--experiment-out", tmp_path / "s.toml"), "--experiment-out"),
