@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
+from datetime import UTC, datetime, timedelta
 from functools import reduce
 from importlib import resources
 from pathlib import Path
@@ -24,12 +25,12 @@ from thermo.experiments import Experiment
 from thermo.inputs import channel_of
 from thermo.modelfile import dump_model, read_model
 from thermo.planted import plain_accelerometer, plantable, simulated_by, who_has_it
-from thermo.recording import RecordedRuns, join_runs, read_runs
+from thermo.recording import RecordedRuns, join_runs, read_runs, write_runs
 from thermo.sequence import Accelerometer, load_sequence, parse_sequence
 from thermo.sequence import Sequence as TestSequence
 from thermo.station_emulated import default_station, run_emulated
 from thermo.station_types import Observer, TestOutcome
-from thermo.store_files import export_recorded, open_existing_store
+from thermo.store_files import open_existing_store, recorded_runs
 from thermo.twin import EmulatedAccelerometer, Twin, TwinSettings
 from workbench.demo_hidden_report import NextRun, hidden_report
 from workbench.demo_steps import Steps
@@ -113,6 +114,7 @@ class _Bench:
 
     def __init__(self, folder: Path, watch: Watch, seed: int) -> None:
         self.folder, self.watch, self.seed = folder, watch, seed
+        self.began = datetime.now(UTC)
         self.tests = 0
 
     def measure(self, name: str, sequence: TestSequence, units: Units) -> Path:
@@ -134,8 +136,16 @@ class _Bench:
         if outcome.status != "finished":
             raise _TestEndedError(outcome)
         with open_existing_store(store_path) as store:
-            (exported,) = export_recorded(store, outcome.test_id, self.folder / f"{name}.csv")
-        return exported.path
+            (record,) = recorded_runs(store, outcome.test_id)
+            begun = store.test(outcome.test_id).runs
+        # by the station's clock, whose days pass in seconds: the wall would lay tests over another
+        starts = {
+            run_id: self.began + timedelta(seconds=run.start_clock_s or 0.0)
+            for run_id, run in zip(record.run_ids, begun, strict=True)
+        }
+        path = self.folder / f"{name}.csv"
+        write_runs(replace(record, run_start_utc=starts), path)
+        return path
 
 
 def run_hidden_demo(
