@@ -19,6 +19,10 @@ MOST_GAIN = 2.0
 LEAST_FOLLOWING = 0.9
 
 
+# Noise alone has a spread of one; chamber ripple that is slower than the readings has more.
+MOVED = 1.5
+
+
 def check_channel(channel: Channel, source: str) -> None:
     """Check that one accelerometer's runs can be searched.
 
@@ -48,11 +52,17 @@ def check_channel(channel: Channel, source: str) -> None:
         raise refused(f"{problem}; leave it out")
     if runs > MAX_RUNS:
         raise refused(f"{runs} runs, at most {MAX_RUNS} expected; give some of them")
+    for name, readings in zip(channel.run_ids, record.run_slices, strict=True):
+        if np.ptp(record["mounting"][readings]) > 0:
+            raise refused(f"run {name}: a_i_g and a_p_g are not those of position_deg")
     mountings = int(record["mounting"].max()) + 1
     if mountings > MAX_MOUNTINGS:
+        raise refused(f"{mountings} mountings, at most {MAX_MOUNTINGS} expected")
+    spread_c, noise_c = _temperature(channel)
+    if not spread_c > MOVED * noise_c:
         raise refused(
-            f"a_i_g and a_p_g differ from position_deg by {mountings} angles, at most "
-            f"{MAX_MOUNTINGS} mountings expected"
+            f"the temperature does not change beyond its noise of {noise_c:.2g} °C; at one "
+            "temperature `fit` gives the constants"
         )
     output = np.asarray(record.output)
     if np.ptp(output) == 0.0:
@@ -73,3 +83,12 @@ def check_channel(channel: Channel, source: str) -> None:
             f"the output is {found:.3g} {channel.output_unit}/g, the sidecar's nominal_scale says "
             f"{channel.nominal_scale:g}"
         )
+
+
+def _temperature(channel: Channel) -> tuple[float, float]:
+    """Return the standard deviation of the temperature, and that of its noise alone, °C.
+
+    The noise is what readings differ by from one to the next (von Neumann's ratio).
+    """
+    steps = np.diff(channel.temp_c)[np.diff(channel.record.run) == 0]
+    return float(np.std(channel.temp_c)), float(np.sqrt(np.mean(steps**2) / 2.0))

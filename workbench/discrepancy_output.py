@@ -144,6 +144,8 @@ def rival_lines(d: Conclusion) -> Iterator[str]:
 
 def verdict_lines(d: Discrepancy) -> Iterator[str]:
     """Say what was found, in sentences."""
+    if d.source.seen.runs == 1:
+        yield "One run does not tell what repeats: what is slow in it may be noise or an effect."
     yield d.where_text
     for e in d.effects:
         yield f"{e.name}: {e.sentence} Strength {number(e.strength_d, 3)}, p {number(e.p_value, 2)}"

@@ -1,11 +1,12 @@
 """The larger model that a search found, as the files that the other commands take."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from pathlib import Path
 
 from thermo.discrepancy import Discrepancy
 from thermo.discrepancy_source import Fitted
 from thermo.fitting import TermsFile, fit_runs
-from thermo.modelfile import ModelFile, make_model_file
+from thermo.modelfile import ModelFile, dump_model, make_model_file
 from thermo.recording import RecordedRuns
 from thermo.terms_file import terms_toml
 
@@ -42,3 +43,37 @@ def fitted_file(runs: RecordedRuns, terms: Sequence[tuple[str, TermsFile]]) -> M
     """
     fits = [one for s, given in terms for one in fit_runs(runs.select(serial=s), terms=given)]
     return make_model_file(fits)
+
+
+def model_files(
+    runs: RecordedRuns, found: Sequence[Discrepancy], out: Path
+) -> list[tuple[Path, bytes]]:
+    """Return the larger model: its terms for `fit`, and the fitted file for `compensate`."""
+    fitted = dump_model(fitted_file(runs, [(d.serial, larger_terms(d)) for d in found])).encode()
+    if out.suffix.lower() == ".json":
+        return [(out, fitted)]
+    terms = [larger_toml(d).encode() for d in (_foremost(found), *(found if found[1:] else ()))]
+    first, fitted_path, *each = model_paths(out, len(found))
+    return [*zip([first, *each], terms, strict=True), (fitted_path, fitted)]
+
+
+def model_paths(out: Path, count: int) -> list[Path]:
+    """Return where the model goes: its terms, the fitted file, the terms of each of several."""
+    if out.suffix.lower() == ".json":
+        return [out]
+    each = [out.with_stem(f"{out.stem}-{k + 1}") for k in range(count if count > 1 else 0)]
+    return [out, out.with_suffix(".json"), *each]
+
+
+def _foremost(found: Sequence[Discrepancy]) -> Discrepancy:
+    """Return the first accelerometer from whose model something is missing, else the first."""
+    return next((d for d in found if d.effects), found[0])
+
+
+def model_lines(found: Sequence[Discrepancy], out: Path) -> Iterator[str]:
+    """Say which file holds whose model."""
+    what = "larger model" if any(d.effects for d in found) else "nothing to add; present model"
+    paths = model_paths(out, len(found))
+    yield f"{what}: {', '.join(str(p) for p in paths[:2])}"
+    for d, path in zip(found, paths[2:], strict=False):  # of one alone there is no file
+        yield f"of {d.serial} alone: {path}"
