@@ -150,9 +150,10 @@ def verdict_lines(d: Discrepancy) -> Iterator[str]:
     for e in d.effects:
         yield f"{e.name}: {e.sentence} Strength {number(e.strength_d, 3)}, p {number(e.p_value, 2)}"
     yield from rival_lines(d)
+    after = f", {micro_g(d.rms_after_ug)} with the effect" if d.effects else ""
     yield (
-        f"Residual {micro_g(d.rms_before_ug)} with the present model, {micro_g(d.rms_after_ug)} "
-        f"with the effect; noise alone {micro_g(d.floor_ug)}."
+        f"Residual {micro_g(d.rms_before_ug)} with the present model{after}; noise alone "
+        f"{micro_g(d.floor_ug)}."
     )
     if d.invisible:
         yield f"These runs cannot show at all: {', '.join(d.invisible)}."

@@ -3,6 +3,9 @@
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from errormodel.fit import examine
+from errormodel.model import ErrorModel
+from errormodel.terms import Term
 from thermo.discrepancy import Discrepancy
 from thermo.discrepancy_source import Fitted
 from thermo.fitting import TermsFile, fit_runs
@@ -22,14 +25,36 @@ def larger_terms(d: Discrepancy) -> TermsFile:
 
 
 def _terms(d: Discrepancy, fitted: Fitted) -> TermsFile:
-    names = tuple(t.name for t in fitted.model.terms)
+    names = _separable(d, fitted)
     start = {p.name: fitted.values[p.name] for p in fitted.model.parameters}
     return TermsFile(terms=names, t_ref_c=d.t_ref_c, start=start)
 
 
+def _separable(d: Discrepancy, fitted: Fitted) -> tuple[str, ...]:
+    """Return the terms of a model that a fit to the same runs can tell from those before them.
+
+    An effect may have more terms than the runs show: of forces across the input axis a head shows
+    those in its plane alone.
+    """
+    terms, record = list(fitted.model.terms), d.channel.record
+    while True:
+        lost = examine(ErrorModel(tuple(terms)), record, fitted.values).confounded
+        added = [
+            t
+            for t in terms[len(d.before.model.terms) :]
+            if isinstance(t, Term)
+            and any(c.name in group for c in t.coefficients for group in lost)
+        ]
+        if not added:
+            return tuple(t.name for t in terms)
+        terms.remove(added[-1])
+
+
 def larger_toml(d: Discrepancy) -> str:
     """Return the larger model's TERMS.toml, each term with what it is."""
-    return terms_toml(larger_terms(d), [t.sentence for t in d.after.model.terms])
+    larger = larger_terms(d)
+    sentences = {t.name: t.sentence for t in d.after.model.terms}
+    return terms_toml(larger, [sentences[name] for name in larger.terms])
 
 
 def fitted_file(runs: RecordedRuns, terms: Sequence[tuple[str, TermsFile]]) -> ModelFile:
@@ -77,3 +102,8 @@ def model_lines(found: Sequence[Discrepancy], out: Path) -> Iterator[str]:
     yield f"{what}: {', '.join(str(p) for p in paths[:2])}"
     for d, path in zip(found, paths[2:], strict=False):  # of one alone there is no file
         yield f"of {d.serial} alone: {path}"
+    for d in found:
+        kept = set(larger_terms(d).terms or ())
+        lost = [t.name for t in d.after.model.terms if t.name not in kept]
+        if lost:
+            yield f"left out for {d.serial}, these runs do not give all of it: {', '.join(lost)}"

@@ -128,14 +128,19 @@ def test_one_run_at_one_position_says_what_it_cannot_show(good: RecordedRuns) ->
 
 
 def test_two_accelerometers_have_a_model_each(good: RecordedRuns, tmp_path: Path) -> None:
-    both = pd.concat([good.frame(), hidden_runs(1, {"k2": 20.0}).frame().assign(serial="B")])
+    both = pd.concat(
+        [good.frame(), hidden_runs(1, {"cross": 20.0}, every_45=True).frame().assign(serial="B")]
+    )
     runs = again(good, both[both["run"].isin(["1", "2"])])
     found = find_discrepancy(runs, draws=FEWER)
-    assert [[e.name for e in d.effects] for d in found] == [[], ["second_order"]]
+    assert [[e.name for e in d.effects] for d in found] == [[], ["cross_axis"]]
     files = dict(model_files(runs, found, tmp_path / "m.toml"))
     assert [p.name for p in files] == ["m.toml", "m-1.toml", "m-2.toml", "m.json"]
     assert (
         files[tmp_path / "m.toml"] == files[tmp_path / "m-2.toml"] != files[tmp_path / "m-1.toml"]
     )
+    # a head turns its accelerometers about the output axis: nothing is felt along it
+    assert set(found[1].effects[0].parameters) == {"delta_o", "k_ip"}
     told = list(model_lines(found, tmp_path / "m.toml"))
-    assert [line.split(":")[0] for line in told] == ["larger model", "of A alone", "of B alone"]
+    assert [line.split(":")[0] for line in told[:3]] == ["larger model", "of A alone", "of B alone"]
+    assert told[3:] == ["left out for B, these runs do not give all of it: delta_p, k_io"]
