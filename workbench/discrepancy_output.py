@@ -155,6 +155,11 @@ def verdict_lines(d: Discrepancy) -> Iterator[str]:
         f"Residual {micro_g(d.rms_before_ug)} with the present model{after}; noise alone "
         f"{micro_g(d.floor_ug)}."
     )
+    if d.heldout and not d.heldout.predictive:
+        yield (
+            "The effect belonged to its moment: a run held out does not follow from the others, "
+            "and the gap there says nothing against the name."
+        )
     if d.invisible:
         yield f"These runs cannot show at all: {', '.join(d.invisible)}."
     if d.experiment:

@@ -54,7 +54,7 @@ def larger_toml(d: Discrepancy) -> str:
     """Return the larger model's TERMS.toml, each term with what it is."""
     larger = larger_terms(d)
     sentences = {t.name: t.sentence for t in d.after.model.terms}
-    return terms_toml(larger, [sentences[name] for name in larger.terms])
+    return terms_toml(larger, [sentences[name] for name in larger.terms or ()])
 
 
 def fitted_file(runs: RecordedRuns, terms: Sequence[tuple[str, TermsFile]]) -> ModelFile:
