@@ -63,6 +63,8 @@ def demo(out: Path, hidden: str | None, speed: float | None, seed: int, as_json:
     measured, named by `discrepancy` from the recorded file, and the larger model is emulated beside
     the next run. In Python: workbench.demo_hidden.run_hidden_demo.
     """
+    if hidden is None and seed != 1:
+        raise InputError("demo", "--seed", "belongs to the demonstration with --hidden")
     if hidden is not None:
         return _hidden(out, hidden, speed, seed, as_json)
     sequence = demo_sequence()
