@@ -99,7 +99,7 @@ def discrepancy(
         text.append(
             f"experiment: {experiment_out}"
             if proposed
-            else "no experiment with a sequence: none written"
+            else "nothing is open that an experiment would settle: none written"
         )
     if report is not None:
         written += _report_files(found, runs, report)

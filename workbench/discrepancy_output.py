@@ -177,11 +177,17 @@ def _effects_table(d: Discrepancy) -> RenderableType:
 
 
 def _heldout_table(d: Discrepancy) -> RenderableType:
+    assert d.heldout is not None
+    floor = number(d.floor_ug)
+    if not d.effects:
+        names = ("residual µg", "noise µg")
+        made = table("run held out", *names, right=names)
+        for r in d.heldout.runs:
+            made.add_row(r.run, number(r.before_ug), floor)
+        return made
     names = ("before µg", "after µg", "noise µg")
     made = table("run held out", *names, "named without it", right=names)
-    assert d.heldout is not None
     for r in d.heldout.runs:
-        floor = number(d.floor_ug)
         named = ", ".join(r.names) or "–"
         made.add_row(r.run, number(r.before_ug), number(r.after_ug), floor, named)
     return made
