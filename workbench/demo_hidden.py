@@ -254,7 +254,8 @@ def _settled(
         steps.next(f"{', '.join(d.alias_sets[0])} are not told apart: {proposed.text}")
         name = f"next-{d.serial}-{len(done) + 1}"
         write_files([(bench.folder / f"{name}.toml", proposed.toml().encode())])
-        more = bench.measure(name, load_sequence(bench.folder / f"{name}.toml"), units)
+        # a record's sidecar is NAME.toml as well: it has another name than its sequence
+        more = bench.measure(f"{name}-run", load_sequence(bench.folder / f"{name}.toml"), units)
         done.append(proposed)
         runs = join_runs([runs, read_runs([more])])
         d = _found(runs, steps.tell)
