@@ -18,6 +18,7 @@ from errormodel.table_write import write_with_sidecar
 from thermo.compensation import Compensated, compensate
 from thermo.modelfile import ModelFile, read_model
 from thermo.recording import RecordedRuns, read_runs
+from thermo.recording_write import sidecar_text
 
 arrow: Any = pyarrow  # it has no types
 arrow_parquet: Any = pyarrow.parquet
@@ -140,7 +141,7 @@ def write_compensated(runs: RecordedRuns, values: Compensated, path: Path) -> No
     InputError
         If the suffix is neither .csv nor .parquet, or the files cannot be written.
     """
-    write_with_sidecar(compensated_frame(runs, values), _sidecar(runs), path)
+    write_with_sidecar(compensated_frame(runs, values), sidecar_text(runs), path)
 
 
 def compensated_frame(runs: RecordedRuns, values: Compensated) -> pd.DataFrame:
@@ -154,23 +155,6 @@ def compensated_frame(runs: RecordedRuns, values: Compensated) -> pd.DataFrame:
     frame[ADDED[1]] = values.accel_compensated_g
     frame["flag"] = flags
     return frame
-
-
-def _sidecar(runs: RecordedRuns) -> str:
-    lines = [
-        f'output_unit = "{runs.output_unit}"',
-        f"gravity_m_s2 = {runs.gravity_m_s2!r}",
-        f"nominal_scale = {runs.nominal_scale!r}",
-    ]
-    if runs.run_start_utc:
-        lines += ["", "[run_start_utc]"]
-        lines += [f"{_key(run)} = {t.isoformat()}" for run, t in runs.run_start_utc.items()]
-    return "\n".join(lines) + "\n"
-
-
-def _key(text: str) -> str:
-    escaped = text.replace("\\", "\\\\").replace('"', '\\"')
-    return f'"{escaped}"'  # run ids are printable
 
 
 def _channel(runs: RecordedRuns, values: Compensated, serial: str) -> CompensatedChannel:

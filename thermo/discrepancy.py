@@ -19,10 +19,10 @@ from errormodel.discrepancy.nulls import Calibration, calibrate
 from errormodel.discrepancy.problem import Problem
 from errormodel.discrepancy.scan import View
 from errormodel.discrepancy.search import Search
-from errormodel.errors import InputError
 from errormodel.model import ErrorModel
 from thermo.discrepancy_floor import floor_ug
 from thermo.discrepancy_heldout import EQUAL, HeldOut, held_out, reading_residual_ug, rms
+from thermo.discrepancy_input import check_channel
 from thermo.discrepancy_source import Fitted, ThermalSource
 from thermo.discrepancy_words import EffectFound, effects_found, where_text
 from thermo.effects import EFFECTS, ThermalEffect
@@ -35,7 +35,6 @@ from thermo.selection import equation, mounted, separable_names
 DRAWS = 300
 # A slow part larger than this many times the white noise of a reading is no instrument's drift.
 MOST_DRIFT = 3.0
-LEAST_READINGS = 200
 Tell = Callable[[str], None]
 
 
@@ -138,16 +137,15 @@ def find_discrepancy(
     Raises
     ------
     InputError
-        If an accelerometer has too few readings.
+        If an accelerometer's runs cannot be searched.
     """
     say: Tell = tell or _silent
     given = model or TermsFile()
     made: list[Discrepancy] = []
-    for serial in runs.serials:
-        channel = channel_of(runs, serial, t_ref_c=given.t_ref_c)
-        if len(channel.record) < LEAST_READINGS:
-            problem = f"{len(channel.record)} readings, at least {LEAST_READINGS} expected"
-            raise InputError(runs.source, f"serial {serial}", problem)
+    channels = [channel_of(runs, serial, t_ref_c=given.t_ref_c) for serial in runs.serials]
+    for channel in channels:
+        check_channel(channel, runs.source)
+    for channel in channels:
         baseline = mounted(given.model() or default_baseline(channel), channel)
         source = ThermalSource(channel, baseline, effects)
         work = _Work(source, given.t_ref_c, rules or Rules(), draws, seed, workers, say)

@@ -45,6 +45,12 @@ class Fitted:
     residual: FloatArray
     free: tuple[str, ...]
 
+    @property
+    def idle(self) -> frozenset[str]:
+        """Unknowns that have no effect in these runs: nothing was learnt of them."""
+        columns = zip(self.free, self.jacobian.T, strict=True)
+        return frozenset(name for name, column in columns if not column.any())
+
 
 class ThermalSource:
     """A channel, its present model and the library, as the engine asks for them."""

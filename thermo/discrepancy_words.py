@@ -85,6 +85,7 @@ def effects_found(
     """Return the effects of the verdict with their sizes and sentences."""
     values = parameter_values(fitted, source, floor)
     known = {e.name: e for e in source.effects}
+    idle = fitted.idle
     made: list[EffectFound] = []
     for slot in result.slots:
         terms = source.form_of(slot.choice).terms
@@ -93,6 +94,7 @@ def effects_found(
             for t in fitted.model.terms
             if t.name in terms
             for u in (*t.coefficients, *t.parameters)
+            if u.name not in idle
         ]
         parameters = {n: values[n] for n in names}
         made.append(

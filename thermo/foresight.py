@@ -33,6 +33,10 @@ class Foresight:
 
     Attributes
     ----------
+    runs : int
+        How many are fitted together.
+    mount_deg : float
+        How far the accelerometer is mounted turned on the head, °.
     expected : tuple of Foreseen
     confounded : tuple of tuple of str
         Groups the plan cannot separate; a group of one has no effect in it at all.
@@ -40,6 +44,8 @@ class Foresight:
         What was assumed.
     """
 
+    runs: int
+    mount_deg: float
     expected: tuple[Foreseen, ...]
     confounded: tuple[tuple[str, ...], ...]
     noise: NoiseModel
@@ -47,9 +53,11 @@ class Foresight:
     def lines(self) -> tuple[str, ...]:
         """Return the foresight as plain lines for `--dry-run`."""
         noise = self.noise
+        runs = f"{self.runs} runs together" if self.runs > 1 else "the one run"
+        turned = f", mounted turned by {self.mount_deg:g}°" if self.mount_deg else ""
         head = (
-            f"Sigmas to expect with {1e6 * noise.white:g} µg of white noise a reading and "
-            f"{1e6 * noise.drift:g} µg of drift over {noise.drift_tau_s / 3600:g} h:"
+            f"Sigmas to expect of {runs}{turned}, with {1e6 * noise.white:g} µg of white noise a "
+            f"reading and {1e6 * noise.drift:g} µg of drift over {noise.drift_tau_s / 3600:g} h:"
         )
         rows = tuple(f"  {e.name:<8} {e.sigma:10.3g} {e.unit}" for e in self.expected)
         if not self.confounded:
@@ -67,6 +75,7 @@ def foresee(
     t_ref_c: float = 25.0,
     nominal_scale: float = 1.0,
     output_unit: str = "g",
+    mount_deg: float = 0.0,
     noise: NoiseModel = ASSUMED_NOISE,
 ) -> Foresight:
     """Foresee what the model equation's coefficients will be known to.
@@ -79,6 +88,8 @@ def foresee(
         Reference temperature, °C.
     nominal_scale, output_unit : float, str
         For K1, in output units per g.
+    mount_deg : float
+        How far the accelerometer is mounted turned on the head, °.
     noise : NoiseModel
         Assumed noise of a reading, g.
 
@@ -86,7 +97,7 @@ def foresee(
     -------
     Foresight
     """
-    channel = planned_channel(runs, t_ref_c)
+    channel = planned_channel(runs, t_ref_c, mount_deg)
     names, lost = separable_names(channel)
     model = usual_equation(names)
     values = model.start_values()
@@ -94,6 +105,8 @@ def foresee(
     factors = reporting_factors(model, nominal_scale)
     units = reported_units(model, output_unit)
     return Foresight(
+        runs=len(runs),
+        mount_deg=mount_deg,
         expected=tuple(
             Foreseen(name=n, sigma=float(s) * factors[n], unit=units[n])
             for n, s in zip(model.names, sigmas, strict=True)

@@ -2,7 +2,10 @@
 
 from collections.abc import Callable, Sequence
 
+import numpy as np
+
 from thermo.plan import Plan, coverage
+from thermo.sequence import Sequence as TestSequence
 
 MAX_LEGS_SHOWN = 40
 MAX_ANGLES_SHOWN = 12
@@ -36,6 +39,7 @@ def plan_lines(plan: Plan, foresight: Foresight | None = None) -> tuple[str, ...
     lines = [
         f"sequence   {sequence.name} on {plan.station.name} ({plan.station.chamber.model})",
         f"under test {len(sequence.accelerometers)}: {serials}",
+        *(f"mounting   {line}" for line in mounting_lines(sequence)),
         f"duration   {duration_text(plan.total_s)}: {plan.runs} × ("
         f"{duration_text(plan.approach_s)} approach + {duration_text(plan.run_s)} run)"
         + (f" + {plan.runs - 1} × {duration_text(plan.rest_s)} rest" if plan.runs > 1 else ""),
@@ -55,6 +59,22 @@ def plan_lines(plan: Plan, foresight: Foresight | None = None) -> tuple[str, ...
     lines += ["", *_coverage_lines(plan)]
     if foresight is not None:
         lines += ["", *foresight(plan)]
+    return tuple(lines)
+
+
+def mounting_lines(sequence: TestSequence) -> tuple[str, ...]:
+    """Say which accelerometers are to be mounted turned on the head; nothing where none is."""
+    by_angle: dict[float, list[str]] = {}
+    for one in sequence.accelerometers:
+        by_angle.setdefault(one.mount_deg, []).append(one.serial)
+    usual = by_angle.pop(0.0, [])
+    lines = [
+        f"turn {', '.join(serials)} by {angle:+g}° on the head before the start; with the head at "
+        f"0° each then reads {np.sin(np.deg2rad(angle)):+.3f} g"
+        for angle, serials in by_angle.items()
+    ]
+    if lines and usual:
+        lines.append(f"{', '.join(usual)} as usual: 0 g with the head at 0°")
     return tuple(lines)
 
 

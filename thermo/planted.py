@@ -68,7 +68,7 @@ PLANTED: Mapping[str, Planted] = {
             "temperature_rate_scale",
             {"temperature_rate_scale": 10 * MICRO},
         ),
-        # assumed, from common knowledge: tens of µg over −40…+70 °C
+        # tens of µg over −40…+70 °C: assumed, papers tell the loop and not its size
         (
             "bias_hysteresis",
             "bias_hysteresis",
@@ -86,11 +86,19 @@ PLANTED: Mapping[str, Planted] = {
         ("third_order", "k3", {"k3": 20 * MICRO}),  # assumed as large
         ("cross_axis", "delta_o", {"delta_o": 100 * MICRO}),  # repeats to 100 µrad over a year
         ("run_in", "run_in", {"run_in": 80 * MICRO, "run_in_tau_h": 5.0}),
-        ("bias_step", "bias_step", {"bias_step": 60 * MICRO, "bias_step_at_h": 12.0}),
+        # hours of the station's clock: within the third run of the demonstration, as a step in a
+        # rest is a turn-on offset
+        ("bias_step", "bias_step", {"bias_step": 60 * MICRO, "bias_step_at_h": 14.0}),
+        # assumed, as after transport: no data sheet allows it for a week, and 2 µg/h over a night
+        # are what a random walk may do as well
         ("bias_drift", "bias_drift", {"bias_drift": 5 * MICRO}),
         ("output_nonlinearity", "output_nonlinearity", {"output_nonlinearity": 20 * MICRO}),
     )
-} | {"turn_on_offset": Planted(turn_on_ug=20.0)}  # navigation grade: a few to 20 µg
+} | {
+    # Navigation grade: a few to 20 µg. Twice that, within a year's repeatability all the same: four
+    # power-ons are three differences, and at 20 µg one draw in six is too small to be named.
+    "turn_on_offset": Planted(turn_on_ug=40.0)
+}
 
 
 def plantable(name: str | None) -> Planted:

@@ -60,10 +60,14 @@ def _instant(value: object) -> datetime:
 Instant = Annotated[datetime, BeforeValidator(_instant)]
 
 
+MountAngle = Annotated[float, Field(ge=-360, le=360, allow_inf_nan=False, strict=True)]
+
+
 class Sidecar(BaseModel):
     """What stands beside a recorded run: what its outputs are measured in.
 
-    `nominal_scale` is in output units per g; a negative one is a reversed polarity.
+    `nominal_scale` is in output units per g; a negative one is a reversed polarity. `mount_deg`
+    says by run and serial how far an accelerometer was mounted turned on the head.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=False)
@@ -72,6 +76,7 @@ class Sidecar(BaseModel):
     gravity_m_s2: Annotated[float, Field(gt=9.7, lt=9.9)]
     nominal_scale: Annotated[float, Field(allow_inf_nan=False, strict=True)]
     run_start_utc: dict[str, Instant] = {}
+    mount_deg: dict[str, dict[str, MountAngle]] = {}
 
     @field_validator("nominal_scale")
     @classmethod
@@ -124,6 +129,7 @@ def make_runs(
     gravity_m_s2: float,
     nominal_scale: float,
     run_start_utc: Mapping[str, datetime] | None = None,
+    mount_deg: Mapping[str, Mapping[str, float]] | None = None,
     source: str = "the record",
 ) -> RecordedRuns:
     """Make a record of a table in memory.
@@ -140,6 +146,8 @@ def make_runs(
         Output unit per g.
     run_start_utc : mapping, optional
         Run id → time at which it began.
+    mount_deg : mapping, optional
+        Run id → serial → how far it is mounted turned on the head, °.
     source : str
         Where the table came from, for messages.
 
@@ -153,6 +161,7 @@ def make_runs(
         "gravity_m_s2": gravity_m_s2,
         "nominal_scale": nominal_scale,
         "run_start_utc": dict(run_start_utc or {}),
+        "mount_deg": {run: dict(of_run) for run, of_run in (mount_deg or {}).items()},
     }
     sidecar = check(given, Sidecar, source)
     missing = [name for name in REQUIRED if name not in frame.columns]
@@ -170,7 +179,7 @@ def make_runs(
         else:
             text[name] = Labels.of(column.to_numpy(dtype=object))
     table = Table(text, number, source, lambda row: f"row {row + 1}")
-    return build(table, sidecar.scale, sidecar.run_start_utc)
+    return build(table, sidecar.scale, sidecar.run_start_utc, sidecar.mount_deg)
 
 
 def _read_one(path: Path) -> RecordedRuns:
@@ -182,13 +191,13 @@ def _read_one(path: Path) -> RecordedRuns:
             path,
             "",
             f"expected {side.name} beside it with the keys output_unit, gravity_m_s2, "
-            "nominal_scale and, if known, run_start_utc",
+            "nominal_scale and, where there are, run_start_utc and mount_deg",
         )
     sidecar = read_toml(side, Sidecar)
     raw = read_table(path, FORM)
     text = {name: Labels(codes, names) for name, (codes, names) in raw.text.items()}
     table = Table(text, raw.number, raw.source, raw.place)
-    return build(table, sidecar.scale, sidecar.run_start_utc)
+    return build(table, sidecar.scale, sidecar.run_start_utc, sidecar.mount_deg)
 
 
 def join_runs(parts: Sequence[RecordedRuns]) -> RecordedRuns:
@@ -203,12 +212,19 @@ def join_runs(parts: Sequence[RecordedRuns]) -> RecordedRuns:
         return parts[0]
     scales: dict[tuple[str, str], OutputScale] = {}
     starts: dict[str, datetime] = {}
+    mounts: dict[tuple[str, str], float] = {}
     for part in parts:
         for (run, serial), scale in part.scales.items():
             if scales.setdefault((run, serial), scale) != scale:
                 raise InputError(
                     part.source, "", f"run {run!r} serial {serial!r}: unit, gravity or scale "
                     "differ from those in another file"
+                )  # fmt: skip
+            turned = part.mount_deg.get((run, serial), 0.0)
+            if mounts.setdefault((run, serial), turned) != turned:
+                raise InputError(
+                    part.source, "", f"run {run!r} serial {serial!r}: mounted otherwise than in "
+                    "another file"
                 )  # fmt: skip
         for run, start in part.run_start_utc.items():
             if starts.setdefault(run, start) != start:
@@ -225,6 +241,7 @@ def join_runs(parts: Sequence[RecordedRuns]) -> RecordedRuns:
         a_g=np.concatenate([part.a_g for part in parts]),
         scales=scales,
         run_start_utc=starts,
+        mount_deg={key: angle for key, angle in mounts.items() if angle},
         source=", ".join(part.source for part in parts),
     )
     if sum(len(part.scales) for part in parts) == len(scales):

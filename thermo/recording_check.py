@@ -17,9 +17,13 @@ from thermo.recording_model import (
     OutputScale,
     RecordedRuns,
     pairs,
+    present_only,
 )
 
 TEMP_RANGE_C = (-273.15, 1000.0)
+# Mountings are told apart by the degree; where the input axis and the pendulous one share less of
+# gravity than this, in g, their forces tell no angle.
+MOUNT_TOLERANCE_DEG, LEAST_FORCE_G = 0.5, 0.1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,9 +48,12 @@ class Table:
 
 
 def build(
-    table: Table, scale: OutputScale, run_start_utc: Mapping[str, datetime] | None = None
+    table: Table,
+    scale: OutputScale,
+    run_start_utc: Mapping[str, datetime] | None = None,
+    mount_deg: Mapping[str, Mapping[str, float]] | None = None,
 ) -> RecordedRuns:
-    """Check readings and make them a record.
+    """Check readings and make them a record; `mount_deg` by run and serial.
 
     Raises
     ------
@@ -64,6 +71,9 @@ def build(
     _check_temperatures(table, number)
     _check_time(table, run, serial)
     _check_input(table, run, serial, good)
+    stated = {(r, s): v for r, of_run in (mount_deg or {}).items() for s, v in of_run.items()}
+    mounts = present_only(stated, run, serial)
+    _check_mounts(table, run, serial, mounts)
     return RecordedRuns(
         run=run,
         serial=serial,
@@ -71,6 +81,7 @@ def build(
         a_g=np.column_stack([number[name] for name in FORCES]),
         scales={key: scale for key in pairs(run, serial)},
         run_start_utc={r: t for r, t in (run_start_utc or {}).items() if r in run.names},
+        mount_deg=mounts,
         source=table.source,
         **{name: number[name] for name in NUMBERS if name not in FORCES},
     )
@@ -156,3 +167,26 @@ def _check_input(table: Table, run: Labels, serial: Labels, good: BoolArray) -> 
         raise table.fail(
             row, "position_deg is empty though other readings of the same run have a position"
         )
+
+
+def _check_mounts(
+    table: Table, run: Labels, serial: Labels, mounts: Mapping[tuple[str, str], float]
+) -> None:
+    """Where forces are given beside the head's angle, they are those of the mounting stated."""
+    needed = [table.number.get(name) for name in ("position_deg", *FORCES[:2])]
+    angle, a_i, a_p = needed
+    if angle is None or a_i is None or a_p is None:
+        return
+    own = np.degrees(np.arctan2(a_i, a_p))
+    sure = np.hypot(a_i, a_p) > LEAST_FORCE_G  # False where one is not given
+    for (of_run, of_serial), stated in mounts.items():
+        mine = run.codes == run.names.index(of_run)
+        mine &= serial.codes == serial.names.index(of_serial)
+        off = np.abs((own - angle - stated + 180.0) % 360.0 - 180.0) > MOUNT_TOLERANCE_DEG
+        if (row := _first(mine & sure & off)) is not None:
+            turned = (own[row] - angle[row]) % 360.0
+            raise table.fail(
+                row,
+                f"a_i_g and a_p_g are those of a mounting turned by {turned:.1f}°, "
+                f"the sidecar's mount_deg says {stated:g}°",
+            )

@@ -92,6 +92,10 @@ def _no_starts() -> Mapping[str, datetime]:
     return MappingProxyType({})
 
 
+def _no_mounts() -> Mapping[tuple[str, str], float]:
+    return MappingProxyType({})
+
+
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class RecordedRuns:
     """Readings of one or more runs; n rows, arrays read-only.
@@ -117,6 +121,8 @@ class RecordedRuns:
         (run, serial) → `OutputScale`.
     run_start_utc : mapping
         Run id → start, for the runs where it is known.
+    mount_deg : mapping
+        (run, serial) → how far it was mounted turned on the head, °, where it was.
     source : str
         Where it came from, for messages.
     """
@@ -132,6 +138,7 @@ class RecordedRuns:
     a_g: FloatArray
     scales: Mapping[tuple[str, str], OutputScale]
     run_start_utc: Mapping[str, datetime] = field(default_factory=_no_starts)
+    mount_deg: Mapping[tuple[str, str], float] = field(default_factory=_no_mounts)
     source: str = "the record"
 
     def __post_init__(self) -> None:
@@ -143,6 +150,7 @@ class RecordedRuns:
             labels.codes.flags.writeable = False
         object.__setattr__(self, "scales", MappingProxyType(dict(self.scales)))
         object.__setattr__(self, "run_start_utc", MappingProxyType(dict(self.run_start_utc)))
+        object.__setattr__(self, "mount_deg", MappingProxyType(dict(self.mount_deg)))
 
     def __len__(self) -> int:
         return len(self.time_s)
@@ -190,8 +198,9 @@ class RecordedRuns:
     def specific_force_g(self) -> FloatArray:
         """Specific force along (IA, PA, OA), g, shape (n, 3).
 
-        From the head's angle θ it is (sin θ, cos θ, 0); `a_*_g` given in a row override that, and
-        those of the three that were not given are 0. A flagged row without an input has NaN.
+        From the head's angle θ, with the mounting's added, it is (sin θ, cos θ, 0); `a_*_g` given
+        in a row override that, and those of the three that were not given are 0. A flagged row
+        without an input has NaN.
 
         Raises
         ------
@@ -203,7 +212,7 @@ class RecordedRuns:
                 self.source, "", "has neither position_deg nor a_i_g, a_p_g, a_o_g: input unknown"
             )
         given = self._given()
-        from_head = head_force_g(self.position_deg)
+        from_head = head_force_g(self.position_deg + self._turned_deg())
         return np.where(given[:, None], np.nan_to_num(self.a_g, nan=0.0), from_head)
 
     def scale_of(self, run: str, serial: str) -> OutputScale:
@@ -252,6 +261,7 @@ class RecordedRuns:
             a_g=self.a_g[rows],
             scales={key: self.scales[key] for key in pairs(run, serial)},
             run_start_utc={r: t for r, t in self.run_start_utc.items() if r in run.names},
+            mount_deg=present_only(self.mount_deg, run, serial),
             source=self.source,
         )
 
@@ -267,6 +277,7 @@ class RecordedRuns:
             one = part.select(serial)
             scale = one.scale_of(run, serial)
             head = (serial, scale.output_unit, scale.gravity_m_s2.hex(), scale.nominal_scale.hex())
+            head += tuple(turned.hex() for turned in one.mount_deg.values())
             total.update("\t".join((*head, str(len(one)))).encode() + b"\n")
             numbers = np.column_stack(
                 [one.time_s, one.temp_c, one.position_deg, one.output, one.chamber_c, one.a_g]
@@ -291,6 +302,14 @@ class RecordedRuns:
     def _numbers(self) -> dict[str, FloatArray]:
         numbers = {name: getattr(self, name) for name in NUMBERS if name not in FORCES}
         return numbers | {name: self.a_g[:, i] for i, name in enumerate(FORCES)}
+
+    def _turned_deg(self) -> FloatArray:
+        """How far each row's accelerometer is mounted turned on the head, °, shape (n,)."""
+        turned = np.zeros(len(self))
+        for (run, serial), angle in self.mount_deg.items():
+            mine = self.run.codes == self.run_ids.index(run)
+            turned[mine & (self.serial.codes == self.serials.index(serial))] = angle
+        return turned
 
     def _given(self) -> BoolArray:
         return np.any(~np.isnan(self.a_g), axis=1)
@@ -319,6 +338,14 @@ def head_force_g(position_deg: FloatArray) -> FloatArray:
     """
     turned = np.deg2rad(position_deg)
     return np.round(np.column_stack([np.sin(turned), np.cos(turned), 0.0 * turned]), 15)
+
+
+def present_only(
+    mount_deg: Mapping[tuple[str, str], float], run: Labels, serial: Labels
+) -> dict[tuple[str, str], float]:
+    """Return the turned mountings of the (run, serial) that occur."""
+    there = set(pairs(run, serial))
+    return {key: angle for key, angle in mount_deg.items() if angle and key in there}
 
 
 def pairs(run: Labels, serial: Labels) -> list[tuple[str, str]]:

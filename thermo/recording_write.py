@@ -17,10 +17,17 @@ def write_runs(record: RecordedRuns, path: Path | str) -> None:
     InputError
         If the suffix is another, the units in the record differ, or the file cannot be written.
     """
-    write_with_sidecar(record.frame(), _sidecar_text(record), Path(path))
+    write_with_sidecar(record.frame(), sidecar_text(record), Path(path))
 
 
-def _sidecar_text(record: RecordedRuns) -> str:
+def sidecar_text(record: RecordedRuns) -> str:
+    """Return what stands in a record's sidecar.
+
+    Raises
+    ------
+    InputError
+        If the units in the record differ.
+    """
     lines = [
         f"output_unit = {_quoted(record.output_unit)}",
         f"gravity_m_s2 = {record.gravity_m_s2!r}",
@@ -31,6 +38,10 @@ def _sidecar_text(record: RecordedRuns) -> str:
         lines += [
             f"{_quoted(r)} = {_quoted(t.isoformat())}" for r, t in record.run_start_utc.items()
         ]
+    for run in dict.fromkeys(run for run, _ in record.mount_deg):
+        of_run = {s: angle for (r, s), angle in record.mount_deg.items() if r == run}
+        lines += ["", f"[mount_deg.{_quoted(run)}]"]
+        lines += [f"{_quoted(serial)} = {angle!r}" for serial, angle in of_run.items()]
     return "\n".join(lines) + "\n"
 
 

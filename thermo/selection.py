@@ -274,4 +274,6 @@ class _Folded:
 def mounted(model: ErrorModel, channel: Channel) -> ErrorModel:
     """Return the model with the angle of every mounting but the first: none repeats exactly."""
     count = int(channel.record["mounting"].max())
-    return model.with_terms(*(term(f"remount_{k}") for k in range(1, count + 1)))
+    held = {t.name for t in model.terms}
+    wanted = [f"remount_{k}" for k in range(1, count + 1)]
+    return model.with_terms(*(term(n) for n in wanted if n not in held))

@@ -47,7 +47,7 @@ def export_test(
         Only these accelerometers: a file holds those that share one nominal scale.
     mount_deg : mapping, optional
         How far accelerometers are mounted turned on the head, °, by serial number: theirs get the
-        forces beside the head's angle.
+        forces beside the head's angle, and the sidecar says it.
 
     Returns
     -------
@@ -77,6 +77,7 @@ def export_test(
     if (turned != 0.0).any():
         angle = np.where(turned != 0.0, frame["position_deg"] + turned, np.nan)
         frame[list(FORCES)] = head_force_g(angle)
+    mounts = {s: float(angle) for s, angle in (mount_deg or {}).items() if angle}
     frame["run"] = [f"{test_id}-{number}" for number in frame["run"]]
     starts = {f"{test_id}-{n}": start for n, start in run_starts(test.runs).items()}
     record = make_runs(
@@ -85,6 +86,7 @@ def export_test(
         gravity_m_s2=gravity_m_s2,
         nominal_scale=nominal_scale,
         run_start_utc=starts,
+        mount_deg={run: mounts for run in frame["run"].unique()} if mounts else None,
         source=f"test {test_id}",
     )
     if path is not None:

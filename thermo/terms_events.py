@@ -192,13 +192,12 @@ def _play(x: FloatArray, radius: float, state: float) -> FloatArray:
 
 
 @numba.njit(cache=True)
-def _forgotten(x: FloatArray, width: float) -> FloatArray:
+def _travelled(x: FloatArray, last_x: float, path: float) -> FloatArray:
     out = np.empty(x.size)
-    path = 0.0
     for k in range(x.size):
-        if k > 0:
-            path += abs(x[k] - x[k - 1])
-        out[k] = np.exp(-path / width)
+        path += abs(x[k] - last_x)
+        last_x = x[k]
+        out[k] = path
     return out
 
 
@@ -209,8 +208,10 @@ def loop_start(name: str, place: str, unit: str) -> Term:
     def one_run(
         record: Record, readings: slice, values: Values, memory: Memory
     ) -> tuple[FloatArray, Memory]:
-        del memory
-        return _forgotten(record["x_slow_c"][readings], values[width]), None
+        x = record["x_slow_c"][readings]
+        last_x, before = memory or (float(x[0]), 0.0)
+        path = _travelled(x, last_x, before)
+        return np.exp(-path / values[width]), (float(x[-1]), float(path[-1]))
 
     return Term(
         name=own,

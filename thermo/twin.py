@@ -25,8 +25,9 @@ from thermo.run_in_state import assembly_stress
 from thermo.terms import term
 
 T_REF_C = 25.0
-# Between two readings the accelerometer's memory (a loop, a lag) moves on in steps no longer than
-# this: no turning point of the temperature is missed by more than what 30 s can do.
+# The accelerometer's memory (a loop, a lag) follows its temperature at least this often, read or
+# not: no turning point is missed by more than what 30 s can do, and what happens on the way to a
+# run and in the rests between runs is in it.
 MEMORY_STEP_S = 30.0
 ARCSEC = np.pi / 180.0 / 3600.0
 
@@ -153,7 +154,8 @@ class _Unit:
         self.given = given
         self.rng = rng
         self.memory: dict[str, Memory] = {}
-        self.last: tuple[float, float] | None = None  # time, temperature
+        self.last_s = -np.inf
+        self.passed: list[tuple[float, float, float]] = []  # time, temperature, its rate; not read
         self.drift_g = self.turn_on_g = 0.0
         self.restart()
 
@@ -169,28 +171,32 @@ class _Unit:
         signals = dict.fromkeys(("a_i_g", "a_p_g", "a_o_g", "rate_c_per_min"), none)
         record = Record(time_s=time_s, signals={**signals, "x_c": x, "x_slow_c": x})
         _, self.memory = self.given.model.design(record, self.given.values, self.memory)
+        self.passed.clear()
+
+    def pass_by(self, now_s: float, inside_c: float, rate: float) -> None:
+        """Be at a temperature without being read."""
+        before_s = self.passed[-1][0] if self.passed else self.last_s
+        if now_s - before_s >= MEMORY_STEP_S:
+            self.passed.append((now_s, inside_c, rate))
 
     def output_g(
         self, now_s: float, inside_c: float, rate: float, angle_rad: float, head_deg: float
     ) -> float:
         """Return the output over the nominal scale, g, noise of the meter apart."""
-        if self.last is not None and now_s <= self.last[0]:
-            now_s = self.last[0] + 1e-6  # a second question at the same instant
-        last_s, last_c = self.last or (now_s - 1.0, inside_c)
-        steps = max(1, int(np.ceil((now_s - last_s) / MEMORY_STEP_S)))
-        part = np.arange(1, steps + 1) / steps
-        x = last_c + (inside_c - last_c) * part - T_REF_C
-        full = np.ones(steps)
+        now_s = max(now_s, self.last_s + 1e-6)  # a second question at the same instant
+        path = [p for p in self.passed if p[0] < now_s] + [(now_s, inside_c, rate)]
+        time_s, temp_c, rates = np.array(path).T
+        x, full = temp_c - T_REF_C, np.ones(time_s.size)
         record = Record(
-            time_s=last_s + (now_s - last_s) * part,
+            time_s=time_s,
             signals={
                 "a_i_g": np.sin(angle_rad) * full,
                 "a_p_g": np.cos(angle_rad) * full,
                 "a_o_g": 0.0 * full,
                 "x_c": x,
                 "x_slow_c": x,
-                "rate_c_per_min": rate * full,
-                "elapsed_h": (last_s + (now_s - last_s) * part) / 3600.0,
+                "rate_c_per_min": rates,
+                "elapsed_h": time_s / 3600.0,
                 "head_deg": head_deg * full,
                 "mounting": 0.0 * full,
             },
@@ -198,10 +204,11 @@ class _Unit:
         output, self.memory = self.given.model.continue_simulation(
             record, self.given.values, self.memory
         )
-        keep = np.exp(-(now_s - last_s) / self.given.drift_tau_s)
+        keep = np.exp(-(now_s - self.last_s) / self.given.drift_tau_s)
         kick = np.sqrt(1.0 - keep**2) * float(self.rng.standard_normal())
         self.drift_g = keep * self.drift_g + 1e-6 * self.given.drift_ug * kick
-        self.last = (now_s, inside_c)
+        self.last_s = now_s
+        self.passed.clear()
         white_g = 1e-6 * self.given.white_ug * float(self.rng.standard_normal())
         return float(output[-1]) + self.drift_g + self.turn_on_g + white_g
 
@@ -340,12 +347,10 @@ class Twin:
                 return float(ohm_from_temp_c(self._inside(k) + noise_c, wired.thermistor))
             if channel in self._outputs:
                 k, wired = self._outputs[channel]
-                m = len(self._units)
-                rate = (self._state[1 + k] - self._state[1 + m + k]) / self._taus[2] * 60.0
                 output = self._units[k].output_g(
                     now_s,
                     self._inside(k),
-                    float(rate),
+                    self._rate(k),
                     self._true_angle_rad(now_s) + float(self._mount_rad[k]),
                     self.head_deg(now_s),
                 )
@@ -356,6 +361,10 @@ class Twin:
     def _inside(self, index: int) -> float:
         return float(self._state[1 + len(self._units) + index])
 
+    def _rate(self, index: int) -> float:
+        case_c = self._state[1 + index]
+        return float((case_c - self._inside(index)) / self._taus[2] * 60.0)
+
     def _true_angle_rad(self, now_s: float) -> float:
         angle = np.deg2rad(self.head_deg(now_s))
         error = self._set.head_offset_arcsec + self._set.head_harmonic_arcsec * np.sin(2 * angle)
@@ -364,17 +373,19 @@ class Twin:
     def _advance(self, now_s: float) -> None:
         if self._now_s is None:
             self._now_s = now_s
-        if now_s <= self._now_s:
-            return
-        self._setpoint[0] = _warm(
-            self._state,
-            now_s - self._now_s,
-            self._setpoint,
-            self._taus,
-            self._set.max_rate_c_per_min / 60.0,
-            self._runaway,
-        )
-        self._now_s = now_s
+        while self._now_s < now_s:
+            step_s = min(now_s - self._now_s, MEMORY_STEP_S)
+            self._setpoint[0] = _warm(
+                self._state,
+                step_s,
+                self._setpoint,
+                self._taus,
+                self._set.max_rate_c_per_min / 60.0,
+                self._runaway,
+            )
+            self._now_s = now_s if step_s < MEMORY_STEP_S else self._now_s + step_s
+            for k, unit in enumerate(self._units):
+                unit.pass_by(self._now_s, self._inside(k), self._rate(k))
 
 
 def make_plant(

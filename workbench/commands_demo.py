@@ -44,8 +44,15 @@ from workbench.progress import ProgressView
     type=click.FloatRange(min=0, min_open=True),
     help="Multiple of real time; as fast as can be if not given.",
 )
+@click.option(
+    "--seed",
+    type=click.IntRange(min=0),
+    default=1,
+    show_default=True,
+    help="With --hidden: of the accelerometers, of who has it, and of all noise.",
+)
 @json_option
-def demo(out: Path, hidden: str | None, speed: float | None, as_json: bool) -> int:
+def demo(out: Path, hidden: str | None, speed: float | None, seed: int, as_json: bool) -> int:
     """Do the whole job on emulated instruments: test, fit, compensation, report.
 
     A chamber controller on TCP, a multimeter and an indexing head on pseudo-terminals, three
@@ -56,8 +63,10 @@ def demo(out: Path, hidden: str | None, speed: float | None, as_json: bool) -> i
     measured, named by `discrepancy` from the recorded file, and the larger model is emulated beside
     the next run. In Python: workbench.demo_hidden.run_hidden_demo.
     """
+    if hidden is None and seed != 1:
+        raise InputError("demo", "--seed", "belongs to the demonstration with --hidden")
     if hidden is not None:
-        return _hidden(out, hidden, speed, as_json)
+        return _hidden(out, hidden, speed, seed, as_json)
     sequence = demo_sequence()
     plan = make_plan(sequence, default_station(sequence))
     folder = fresh_folder(out)
@@ -70,7 +79,7 @@ def demo(out: Path, hidden: str | None, speed: float | None, as_json: bool) -> i
     return exit_code(result.outcome, result.verdicts)
 
 
-def _hidden(out: Path, effect: str, speed: float | None, as_json: bool) -> int:
+def _hidden(out: Path, effect: str, speed: float | None, seed: int, as_json: bool) -> int:
     from workbench.demo_hidden import run_hidden_demo  # its search takes its second
     from workbench.demo_hidden_output import hidden_document, hidden_text
 
@@ -84,7 +93,7 @@ def _hidden(out: Path, effect: str, speed: float | None, as_json: bool) -> int:
         with ProgressView(plan.total_s) as view:
             yield (view,)
 
-    result = run_hidden_demo(fresh_folder(out), effect, watch=watch, tell=_tell)
+    result = run_hidden_demo(fresh_folder(out), effect, watch=watch, seed=seed, tell=_tell)
     emit(hidden_document(result), hidden_text(result), as_json=as_json)
     return 0 if result.right else 1
 

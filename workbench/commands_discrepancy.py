@@ -1,5 +1,6 @@
 """`accelbench discrepancy`: find, name, add and verify the effect that a model lacks."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import click
@@ -9,12 +10,12 @@ from errormodel.errors import InputError
 from thermo.discrepancy import Discrepancy, find_discrepancy
 from thermo.effects_user import load_effects
 from thermo.fitting import TermsFile, read_terms
-from thermo.modelfile import dump_model, read_model
+from thermo.modelfile import read_model
 from thermo.recording import RecordedRuns, read_runs
 from workbench.commands_discrepancy_rig import discrepancy_rig
 from workbench.console import emit
 from workbench.discrepancy_output import discrepancy_document, discrepancy_text
-from workbench.larger_model import fitted_file, larger_terms, larger_toml
+from workbench.larger_model import model_files, model_lines, model_paths
 from workbench.outputs import (
     REPORT_NAME,
     check_results,
@@ -77,23 +78,29 @@ def discrepancy(
     inputs = [*with_sidecars(list(files)), *(p for p in (model, effects) if p)]
     for path in (p for p in (out, experiment_out) if p):
         checked_output(path, inputs, force=force)
-    if out is not None and out.suffix == ".toml":
-        checked_output(out.with_suffix(".json"), inputs, force=force)
     check_results(None, report, [], force=force)
     library = load_effects(effects)
     runs = read_runs(list(files))
+    for path in model_paths(out, len(runs.serials))[1:] if out is not None else ():
+        checked_output(path, inputs, force=force)
     found = find_discrepancy(
         runs, model=_present(model), effects=library, seed=seed, workers=workers, tell=_tell
     )
     document, text = discrepancy_document(found), list(discrepancy_text(found))
     written: list[tuple[Path, bytes]] = []
     if out is not None:
-        written += _model_files(runs, found, out)
+        written += model_files(runs, found, out)
         document["out"] = str(out)
-        text.append(f"larger model: {out}")
+        text += model_lines(found, out)
     if experiment_out is not None:
-        written += _experiment_file(found, experiment_out)
-        document["experiment_out"] = str(experiment_out) if written else None
+        proposed = _experiment_file(found, experiment_out)
+        written += proposed
+        document["experiment_out"] = str(experiment_out) if proposed else None
+        text.append(
+            f"experiment: {experiment_out}"
+            if proposed
+            else "nothing is open that an experiment would settle: none written"
+        )
     if report is not None:
         written += _report_files(found, runs, report)
         document["report"] = str(report / REPORT_NAME)
@@ -116,18 +123,10 @@ def _present(path: Path | None) -> TermsFile | None:
     return TermsFile(terms=first.terms, t_ref_c=first.t_ref_c)
 
 
-def _model_files(
-    runs: RecordedRuns, found: tuple[Discrepancy, ...], out: Path
-) -> list[tuple[Path, bytes]]:
-    """Return the larger model: its terms for `fit`, and the fitted file for `compensate`."""
-    fitted = dump_model(fitted_file(runs, [(d.serial, larger_terms(d)) for d in found])).encode()
-    if out.suffix.lower() == ".json":
-        return [(out, fitted)]
-    return [(out, larger_toml(found[0]).encode()), (out.with_suffix(".json"), fitted)]
-
-
-def _experiment_file(found: tuple[Discrepancy, ...], path: Path) -> list[tuple[Path, bytes]]:
-    proposed = [d.experiment for d in found if d.experiment and d.experiment.sequence]
+def _experiment_file(found: Sequence[Discrepancy], path: Path) -> list[tuple[Path, bytes]]:
+    """Return the experiment of an alias set, else the first there is."""
+    open_first = sorted(found, key=lambda d: d.verdict != "alias")
+    proposed = [d.experiment for d in open_first if d.experiment and d.experiment.sequence]
     return [(path, proposed[0].toml().encode())] if proposed else []
 
 

@@ -11,10 +11,9 @@ from drivers.clock import Clock, ScaledClock, SteppedClock
 from drivers.errors import InstrumentError
 from drivers.station import StationConfig
 from errormodel.errors import InputError, WorkbenchError
-from thermo.foresight import Foresight, foresee
 from thermo.live import LiveEstimate
 from thermo.plan import Plan, make_plan
-from thermo.plan_text import plan_lines
+from thermo.plan_text import mounting_lines
 from thermo.run_in import RunInVerdict
 from thermo.run_in_station import judge_stored
 from thermo.sequence import Sequence as TestSequence
@@ -27,6 +26,7 @@ from thermo.store_open import parse_url
 from thermo.uniformity import RampVerdict, judge_test
 from workbench.commands_store import store_option
 from workbench.console import emit
+from workbench.dry_run import foresee_plan, plan_document, plan_text
 from workbench.outputs import checked_run_output, force_option, json_option
 from workbench.progress import ProgressView
 from workbench.run_in_output import run_in_document, run_in_text
@@ -84,8 +84,12 @@ def run(
     job = _job(sequence, station, store, resume, speed)
     plan = make_plan(job.sequence, job.config, str(sequence or f"test {resume}"))
     if dry_run:
-        return _show_plan(plan, as_json=as_json)
+        foreseen = foresee_plan(plan)
+        emit(plan_document(plan, foreseen), plan_text(plan, foreseen), as_json=as_json)
+        return DONE
     _check_store(store)
+    for line in mounting_lines(job.sequence):
+        click.echo(f"mounting: {line}", err=True)
     live = LiveEstimate(
         {a.serial: a.nominal_scale for a in job.sequence.accelerometers},
         mount_deg={a.serial: a.mount_deg for a in job.sequence.accelerometers},
@@ -291,30 +295,3 @@ def _text(
     if outcome.status != "finished" and outcome.test_id:
         lines.append(f"go on with: accelbench run --resume {outcome.test_id} --store {store}")
     return lines
-
-
-def _show_plan(plan: Plan, *, as_json: bool) -> int:
-    foresight = _foresight(plan)
-    lines = plan_lines(plan, lambda _: foresight.lines())
-    document = {
-        "sequence": plan.sequence.name,
-        "station": plan.station.name,
-        "duration_s": plan.total_s,
-        "runs": plan.runs,
-        "run_s": plan.run_s,
-        "rest_s": plan.rest_s,
-        "slots": plan.slots,
-        "readings": plan.readings,
-        "expected_sigmas": {e.name: {"sigma": e.sigma, "unit": e.unit} for e in foresight.expected},
-        "not_separable": [list(group) for group in foresight.confounded],
-        "text": list(lines),
-    }
-    emit(document, lines, as_json=as_json)
-    return DONE
-
-
-def _foresight(plan: Plan) -> Foresight:
-    first = plan.sequence.accelerometers[0]
-    unit = next(i.output_unit for i in plan.station.inputs if i.serial == first.serial)
-    runs = [plan.run(number) for number in range(1, plan.runs + 1)]
-    return foresee(runs, nominal_scale=first.nominal_scale, output_unit=unit)

@@ -6,10 +6,12 @@ model is loaded into an emulated accelerometer beside the real one, and the next
 """
 
 import json
+import os
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
+from datetime import UTC, datetime, timedelta
 from functools import reduce
 from importlib import resources
 from pathlib import Path
@@ -22,16 +24,16 @@ from thermo.discrepancy import Discrepancy, find_discrepancy
 from thermo.experiments import Experiment
 from thermo.inputs import channel_of
 from thermo.modelfile import dump_model, read_model
-from thermo.plan_text import duration_text
 from thermo.planted import plain_accelerometer, plantable, simulated_by, who_has_it
-from thermo.recording import RecordedRuns, join_runs, read_runs
+from thermo.recording import RecordedRuns, join_runs, read_runs, write_runs
 from thermo.sequence import Accelerometer, load_sequence, parse_sequence
 from thermo.sequence import Sequence as TestSequence
 from thermo.station_emulated import default_station, run_emulated
 from thermo.station_types import Observer, TestOutcome
-from thermo.store_files import export_recorded, open_existing_store
+from thermo.store_files import open_existing_store, recorded_runs
 from thermo.twin import EmulatedAccelerometer, Twin, TwinSettings
 from workbench.demo_hidden_report import NextRun, hidden_report
+from workbench.demo_steps import Steps
 from workbench.larger_model import fitted_file, larger_terms, larger_toml, present_terms
 from workbench.outputs import REPORT_NAME
 
@@ -41,7 +43,10 @@ Watch = Callable[[TestSequence], AbstractContextManager[Sequence[Observer]]]
 SETTINGS = TwinSettings(head_offset_arcsec=0.0, head_harmonic_arcsec=0.0)
 PRESENT, LARGER = "present model", "larger model"
 DAY_S = 86_400.0
+# How long the steps take beside each other, as measured.
+NIGHT, SEARCH, EXPERIMENT, NEXT_RUN = 24.0, 8.0, 30.0, 8.0
 MOST_EXPERIMENTS = 2
+MOST_TESTS = 100  # of one demonstration: the noise of each is drawn from its own seed
 Units = Mapping[str, EmulatedAccelerometer]
 
 
@@ -105,10 +110,11 @@ class _TestEndedError(Exception):
 
 
 class _Bench:
-    """The emulated station: one test after another, each a day later, with noise of its own."""
+    """The emulated station: one test after another, days later, with noise of its own."""
 
-    def __init__(self, folder: Path, watch: Watch) -> None:
-        self.folder, self.watch = folder, watch
+    def __init__(self, folder: Path, watch: Watch, seed: int) -> None:
+        self.folder, self.watch, self.seed = folder, watch, seed
+        self.began = datetime.now(UTC)
         self.tests = 0
 
     def measure(self, name: str, sequence: TestSequence, units: Units) -> Path:
@@ -116,7 +122,7 @@ class _Bench:
         self.tests += 1
         config = default_station(sequence)
         mounts = {a.serial: a.mount_deg for a in sequence.accelerometers}
-        plant = Twin(config.inputs, units, SETTINGS, self.tests, mounts)
+        plant = Twin(config.inputs, units, SETTINGS, MOST_TESTS * self.seed + self.tests, mounts)
         store_path = str(self.folder / "store.sqlite")
         with self.watch(sequence) as observers:
             outcome = run_emulated(
@@ -130,8 +136,16 @@ class _Bench:
         if outcome.status != "finished":
             raise _TestEndedError(outcome)
         with open_existing_store(store_path) as store:
-            (exported,) = export_recorded(store, outcome.test_id, self.folder / f"{name}.csv")
-        return exported.path
+            (record,) = recorded_runs(store, outcome.test_id)
+            begun = store.test(outcome.test_id).runs
+        # by the station's clock, whose days pass in seconds: the wall would lay tests over another
+        starts = {
+            run_id: self.began + timedelta(seconds=run.start_clock_s or 0.0)
+            for run_id, run in zip(record.run_ids, begun, strict=True)
+        }
+        path = self.folder / f"{name}.csv"
+        write_runs(replace(record, run_start_utc=starts), path)
+        return path
 
 
 def run_hidden_demo(
@@ -156,7 +170,7 @@ def run_hidden_demo(
     sequence : TestSequence, optional
         By default the one shipped.
     seed : int
-        Draws the accelerometers, and which of them has it.
+        Draws the accelerometers, which of them has it, and the noise.
     tell : callable
         Told what is being done.
 
@@ -179,51 +193,36 @@ def run_hidden_demo(
     units = {
         s: plain_accelerometer(s, planted if s == serial else None, seed=seed) for s in serials
     }
-    steps = _Steps(tell)
     try:
-        made = _search(_Bench(folder, watch), units, sequence, steps)
+        made = _search(_Bench(folder, watch, seed), units, sequence, tell)
     except _TestEndedError as ended:
         made = HiddenDemo(folder=folder, failed=ended.outcome)
     opened = json.loads((folder / "key.json").read_text(encoding="utf-8"))
     return replace(made, **opened, seconds=time.monotonic() - began_s)
 
 
-class _Steps:
-    """Tells what is being done, and about how long the rest will take."""
-
-    # shares of the whole, as measured: the first test, its search, the next run and the report
-    SHARES = (0.5, 0.3, 0.2)
-
-    def __init__(self, tell: Tell) -> None:
-        self.tell = tell
-        self._began_s, self._step = time.monotonic(), 0
-
-    def next(self, text: str) -> None:
-        """Begin the next step."""
-        done = sum(self.SHARES[: self._step])
-        self._step += 1
-        left = ""
-        if done:
-            spent_s = time.monotonic() - self._began_s
-            left = f"; about {duration_text(spent_s * (1.0 - done) / done)} left"
-        self.tell(f"{self._step} of {len(self.SHARES)}: {text}{left}")
-
-
-def _search(bench: _Bench, units: Units, sequence: TestSequence, steps: _Steps) -> HiddenDemo:
+def _search(bench: _Bench, units: Units, sequence: TestSequence, tell: Tell) -> HiddenDemo:
     """Measure, name, settle what is open, and close the gap."""
+    steps = Steps(tell, [NIGHT, *[SEARCH for _ in units], NEXT_RUN])
     steps.next(f"a night of {len(units)} accelerometers")
     runs = read_runs([bench.measure("run", sequence, units)])
-    steps.next("what is missing from their models, by the recorded file alone")
-    first = find_discrepancy(runs, tell=steps.tell)
+    first: list[Discrepancy] = []
     verdicts: list[Discrepancy] = []
     experiments: list[Experiment] = []
     seen: dict[str, RecordedRuns] = {}
-    for d in first:
-        settled, own, seen[d.serial] = _settled(bench, units, d, runs, steps.tell)
+    for serial in units:
+        steps.next(f"what is missing from the model of {serial}, by the recorded file alone")
+        mine = runs.select(serial=serial)
+        d = _found(mine, tell)
+        settled, own, seen[serial] = _settled(bench, units, d, mine, steps)
+        first.append(d)
         verdicts.append(settled)
         experiments += own
     made = HiddenDemo(
-        folder=bench.folder, first=first, experiments=tuple(experiments), verdicts=tuple(verdicts)
+        folder=bench.folder,
+        first=tuple(first),
+        experiments=tuple(experiments),
+        verdicts=tuple(verdicts),
     )
     steps.next("the next run, beside what the models say of it, and the report")
     found = [d for d in verdicts if d.effects]
@@ -236,22 +235,30 @@ def _search(bench: _Bench, units: Units, sequence: TestSequence, steps: _Steps) 
     return replace(made, next_run=next_run, report=bench.folder / "report" / REPORT_NAME)
 
 
+def _found(runs: RecordedRuns, tell: Tell) -> Discrepancy:
+    """Search one accelerometer's runs, on every processor there is."""
+    (d,) = find_discrepancy(runs, workers=os.cpu_count() or 1, tell=lambda line: tell(f"  {line}"))
+    return d
+
+
 def _settled(
-    bench: _Bench, units: Units, d: Discrepancy, runs: RecordedRuns, tell: Tell
+    bench: _Bench, units: Units, d: Discrepancy, runs: RecordedRuns, steps: Steps
 ) -> tuple[Discrepancy, list[Experiment], RecordedRuns]:
     """Carry out the experiments that a verdict proposes until it is no alias set."""
-    runs, done = runs.select(serial=d.serial), list[Experiment]()
+    done: list[Experiment] = []
     while d.verdict == "alias" and len(done) < MOST_EXPERIMENTS:
         proposed = d.experiment
         if proposed is None or proposed.sequence is None:
             break
-        tell(f"{d.serial}: {', '.join(d.alias_sets[0])} are not told apart; {proposed.text}")
+        steps.add(EXPERIMENT)
+        steps.next(f"{', '.join(d.alias_sets[0])} are not told apart: {proposed.text}")
         name = f"next-{d.serial}-{len(done) + 1}"
         write_files([(bench.folder / f"{name}.toml", proposed.toml().encode())])
-        more = bench.measure(name, load_sequence(bench.folder / f"{name}.toml"), units)
+        # a record's sidecar is NAME.toml as well: it has another name than its sequence
+        more = bench.measure(f"{name}-run", load_sequence(bench.folder / f"{name}.toml"), units)
         done.append(proposed)
         runs = join_runs([runs, read_runs([more])])
-        (d,) = find_discrepancy(runs, tell=tell)
+        d = _found(runs, steps.tell)
     return d, done, runs
 
 

@@ -5,6 +5,7 @@ from typing import Any
 
 from rich.console import RenderableType
 
+from thermo.smallest import smallest_nameable
 from workbench.console import number
 from workbench.demo_hidden import HiddenDemo
 from workbench.demo_hidden_report import NEXT_RUN_NAME, next_run_lines
@@ -26,6 +27,8 @@ def hidden_document(one: HiddenDemo) -> dict[str, Any]:
             "after_ug": beside.gap_after_ug,
             "floor_ug": beside.floor_ug,
             "predictive": beside.predictive,
+            "level_after_ug": float(beside.line(beside.after_ug)[1]),
+            "slope_after_ug_per_h": float(beside.line(beside.after_ug)[0]),
         }
         if beside
         else None,
@@ -64,4 +67,7 @@ def _judged(one: HiddenDemo) -> str:
         text = f"Named wrongly: {', '.join(said)}"
     else:
         text = f"Not named: {mine.verdict}"
+        least = smallest_nameable(mine).get(one.effect)
+        if least is not None:
+            text += f"; these runs would name it from some {number(least.value, 2)} {least.unit} on"
     return text + (f"; false verdicts: {', '.join(false)}." if false else ".")

@@ -56,13 +56,25 @@ class NextRun:
 
     @property
     def gap_before_ug(self) -> float:
-        """Rms over the readings."""
-        return rms(self.before_ug)
+        """Rms over the readings; see `told`."""
+        return rms(self.told(self.before_ug))
 
     @property
     def gap_after_ug(self) -> float:
-        """Rms over the readings."""
-        return rms(self.after_ug)
+        """Rms over the readings; see `told`."""
+        return rms(self.told(self.after_ug))
+
+    def told(self, values: FloatArray) -> FloatArray:
+        """Return what a model could have told: all, or all but level and slope in time.
+
+        A step, an offset, a drift or a run-in leave a new run a level, and perhaps a slope, that
+        no model of earlier runs knows.
+        """
+        return values if self.predictive else values - np.polyval(self.line(values), self.time_h)
+
+    def line(self, values: FloatArray) -> FloatArray:
+        """Return slope, µg/h, and level at the start, µg, of a straight line in time."""
+        return np.polyfit(self.time_h, values, 1)
 
 
 def hidden_report(
@@ -81,7 +93,8 @@ def hidden_report(
             title="",
             columns=("accelerometer", "present model, µg", "larger model, µg", "noise alone, µg"),
             rows=(row,),
-            note="Rms over readings of measured less emulated.",
+            note="Rms over readings of measured less emulated"
+            + ("." if next_run.predictive else ", level and slope in time apart."),
         ),
         pictures=(draw_next_run(next_run),),
     )
@@ -100,17 +113,24 @@ def next_run_lines(one: NextRun) -> tuple[str, ...]:
     )
     if one.predictive:
         return (text,)
-    return (text, "The effect belonged to its moment: no model tells a new run of it.")
+    slope, level_ug = one.line(one.after_ug).tolist()
+    return (
+        "The effect belonged to its moment: which level and which slope in time a new run has, no "
+        f"model of earlier ones tells (here {number(level_ug, 3)} µg and {number(slope, 2)} µg/h).",
+        f"These apart: {text[0].lower()}{text[1:]}",
+    )
 
 
 def draw_next_run(one: NextRun) -> Picture:
     """Draw measured less emulated over the run, with either model."""
-    unit, divisor = unit_of(one.before_ug, one.after_ug)
+    before_ug, after_ug = one.told(one.before_ug), one.told(one.after_ug)
+    unit, divisor = unit_of(before_ug, after_ug)
     figure = new_figure(10.0, 4.2)
     panels = figure.subplots(1, 2, sharey=True)
     handles: dict[str, Any] = {}
+    apart = "" if one.predictive else "\n(level and slope apart)"
     for axes, values, name in zip(
-        panels, (one.before_ug, one.after_ug), ("present model", "larger model"), strict=True
+        panels, (before_ug, after_ug), ("present model", "larger model"), strict=True
     ):
         y = values / divisor
         shown = thinned(y.size)
@@ -129,7 +149,7 @@ def draw_next_run(one: NextRun) -> Picture:
             axes,
             title=f"{name}: {number(rms(values) / divisor, 3)} {unit} rms",
             x="time in the run, h",
-            y=f"measured less emulated, {unit}" if axes is panels[0] else "",
+            y=f"measured less emulated{apart}, {unit}" if axes is panels[0] else "",
         )
     legend_below(figure, list(handles.values()), list(handles))
     caption = f"{one.serial}: the next run less what the emulator gives with each model loaded."

@@ -144,14 +144,22 @@ def rival_lines(d: Conclusion) -> Iterator[str]:
 
 def verdict_lines(d: Discrepancy) -> Iterator[str]:
     """Say what was found, in sentences."""
+    if d.source.seen.runs == 1:
+        yield "One run does not tell what repeats: what is slow in it may be noise or an effect."
     yield d.where_text
     for e in d.effects:
         yield f"{e.name}: {e.sentence} Strength {number(e.strength_d, 3)}, p {number(e.p_value, 2)}"
     yield from rival_lines(d)
+    after = f", {micro_g(d.rms_after_ug)} with the effect" if d.effects else ""
     yield (
-        f"Residual {micro_g(d.rms_before_ug)} with the present model, {micro_g(d.rms_after_ug)} "
-        f"with the effect; noise alone {micro_g(d.floor_ug)}."
+        f"Residual {micro_g(d.rms_before_ug)} with the present model{after}; noise alone "
+        f"{micro_g(d.floor_ug)}."
     )
+    if d.heldout and not d.heldout.predictive:
+        yield (
+            "The effect belonged to its moment: a run held out does not follow from the others, "
+            "and the gap there says nothing against the name."
+        )
     if d.invisible:
         yield f"These runs cannot show at all: {', '.join(d.invisible)}."
     if d.experiment:
@@ -169,11 +177,17 @@ def _effects_table(d: Discrepancy) -> RenderableType:
 
 
 def _heldout_table(d: Discrepancy) -> RenderableType:
+    assert d.heldout is not None
+    floor = number(d.floor_ug)
+    if not d.effects:
+        names = ("residual µg", "noise µg")
+        made = table("run held out", *names, right=names)
+        for r in d.heldout.runs:
+            made.add_row(r.run, number(r.before_ug), floor)
+        return made
     names = ("before µg", "after µg", "noise µg")
     made = table("run held out", *names, "named without it", right=names)
-    assert d.heldout is not None
     for r in d.heldout.runs:
-        floor = number(d.floor_ug)
         named = ", ".join(r.names) or "–"
         made.add_row(r.run, number(r.before_ug), number(r.after_ug), floor, named)
     return made

@@ -19,11 +19,13 @@ from workbench.plotting import (
     legend_below,
     new_figure,
     picture,
+    plain,
     thinned,
     unit_of,
 )
 
 CELLS = 40
+MOST_LETTERS = 80  # of all runs' names, that stand beside one another on the axis
 AXIS = {
     "temperature": "temperature, °C",
     "direction": "temperature, °C",
@@ -43,11 +45,11 @@ def draw_factor(d: Discrepancy) -> Picture:
     before, after = d.plain_before.residual, d.plain_after.residual
     unit, divisor = unit_of(before, after)
     figure = new_figure(10.0, 4.2)
-    panels = figure.subplots(1, 2, sharey=True)
+    shown = [(before, "present model"), (after, "with the effect")]
+    shown = shown if d.effects else shown[:1]
+    panels = np.atleast_1d(figure.subplots(1, len(shown), sharey=True))
     handles: dict[str, Any] = {}
-    for axes, values, title in zip(
-        panels, (before, after), ("present model", "with the effect"), strict=True
-    ):
+    for axes, (values, title) in zip(panels, shown, strict=True):
         _draw(axes, d, name, x, values / divisor, handles)
         rms = float(np.sqrt(np.mean(values**2))) / divisor
         label = f"residual, {unit}" if axes is panels[0] else ""
@@ -58,9 +60,9 @@ def draw_factor(d: Discrepancy) -> Picture:
             y=label,
         )
     legend_below(figure, list(handles.values()), list(handles))
+    models = "the present model and with the effects found" if d.effects else "the present model"
     caption = (
-        f"{d.serial}: residual of block means over {AXIS[name].partition(',')[0]}, with the "
-        "present model and with the effects found; lines are means of cells."
+        f"{d.serial}: residual of block means over {AXIS[name].partition(',')[0]}, with {models}."
     )
     return picture(figure, f"residual_{file_part(d.serial)}.png", caption)
 
@@ -90,18 +92,20 @@ def _draw(
         ("cooling", side == COOLING, COOLING_COLOUR),
     ]
     if name != "direction":
-        groups = [("block means", np.ones(x.size, dtype=bool), COLOURS[0])]
+        groups = [("", np.ones(x.size, dtype=bool), COLOURS[0])]
     width = max(float(np.ptp(x)) / CELLS, 1e-9)
     for label, rows, colour in groups:
         if not rows.any():
             continue
         shown = np.flatnonzero(rows)
         shown = shown[thinned(shown.size)]
-        axes.plot(x[shown], y[shown], ".", color=colour, markersize=2.5, alpha=0.25)
+        (points,) = axes.plot(x[shown], y[shown], ".", color=colour, markersize=2.5, alpha=0.25)
         centres, means = cell_means(x[rows], y[rows], width)
-        full = np.isfinite(means)
+        # positions lie apart, and a line is drawn over what is between; rests are left open
+        full = np.isfinite(means) if name == "position" else np.ones(means.size, dtype=bool)
         (line,) = axes.plot(centres[full], means[full], "-", color=colour, linewidth=1.8)
-        handles.setdefault(f"mean, {label}" if name == "direction" else "mean of cells", line)
+        handles.setdefault(f"block mean{label and ', '}{label}", points)
+        handles.setdefault(f"mean of cells{label and ', '}{label}", line)
 
 
 def draw_gap(d: Discrepancy) -> Picture:
@@ -114,17 +118,21 @@ def draw_gap(d: Discrepancy) -> Picture:
     figure = new_figure(7.5, 3.4)
     axes = figure.subplots()
     at = np.arange(len(labels))
-    first = axes.bar(at - 0.2, before / divisor, 0.38, color=COLOURS[6])
-    second = axes.bar(at + 0.2, after / divisor, 0.38, color=COLOURS[2])
+    bars = [(before, "present model", COLOURS[6]), (after, "with the effect", COLOURS[2])]
+    bars = bars if d.effects else bars[:1]
+    handles = {
+        name: axes.bar(at + 0.4 * k - 0.2 * (len(bars) - 1), values / divisor, 0.38, color=colour)
+        for k, (values, name, colour) in enumerate(bars)
+    }
     line = axes.axhline(d.floor_ug / divisor, color=COLOURS[0], linestyle="--", linewidth=1.2)
-    axes.set_xticks(at, labels)
+    handles["noise alone"] = line
+    crowded = sum(len(label) for label in labels) > MOST_LETTERS
+    turned = {"rotation": 20, "ha": "right", "rotation_mode": "anchor"} if crowded else {}
+    axes.set_xticks(at, [plain(label) for label in labels], **turned)
     title = "runs held out, predicted from the others" if runs else "in the fit: a single run"
+    if d.heldout and not d.heldout.predictive:
+        title = "runs held out: the effect belonged to its moment, and is not predicted"
     dress(axes, title=title, x="run", y=f"residual rms, {unit}")
-    legend_below(
-        figure,
-        [first, second, line],
-        ["present model", "with the effect", "noise alone"],
-        enlarge=1,
-    )
-    caption = f"{d.serial}: residual of every run before and after, against what noise leaves."
+    legend_below(figure, list(handles.values()), list(handles), enlarge=1)
+    caption = f"{d.serial}: residual of every run, against what noise leaves."
     return picture(figure, f"gap_{file_part(d.serial)}.png", caption)

@@ -6,6 +6,7 @@ import pytest
 from tests.thermo.examples import TRUTH, runs_of
 from thermo.fitting import TermsFile, fit_runs
 from thermo.foresight import foresee
+from thermo.foresight_effects import foresee_effects
 from thermo.inputs import channel_of
 from thermo.modelfile import reported
 from thermo.plan import RunPlan
@@ -48,3 +49,36 @@ def test_what_four_positions_cannot_show_is_said_by_name() -> None:
     text = "\n".join(foresight.lines())
     assert "k1 ~ k3" in text
     assert "delta_p has no effect in this plan" in text
+
+
+def test_what_a_turned_mounting_cannot_show_is_said() -> None:
+    # 45° past the quarter turns sin²θ is ½ at each of them: a squared term is a bias
+    turned = foresee(plan_like(0, (0.0, 90.0, 180.0, 270.0)), mount_deg=45.0)
+    assert ("k0", "k2") in turned.confounded
+    assert "mounted turned by 45°" in turned.lines()[0]
+    effects = foresee_effects(plan_like(0, (0.0, 90.0, 180.0, 270.0)), mount_deg=45.0)
+    assert "second_order" in effects.invisible
+    assert "second_order" in effects.lines()[0]
+
+
+def test_more_runs_show_more() -> None:
+    plans = plan_like(0)
+    one, all_of_them = foresee(plans[:1]), foresee(plans)
+    assert [f.lines()[0].split(",")[0] for f in (one, all_of_them)] == [
+        "Sigmas to expect of the one run",
+        f"Sigmas to expect of {len(plans)} runs together",
+    ]
+    sigma = [next(e.sigma for e in f.expected if e.name == "k0") for f in (one, all_of_them)]
+    # runs alike with drifts of their own: as the root of their number
+    assert sigma[1] == pytest.approx(sigma[0] / len(plans) ** 0.5, rel=0.2)
+    assert "turn_on_offset" in foresee_effects(plans[:1]).invisible
+    assert "turn_on_offset" not in foresee_effects(plans).invisible
+
+
+def test_of_effects_what_positions_every_45_degrees_leave_open_is_said() -> None:
+    every_45 = tuple(45.0 * k for k in range(8))
+    plain = foresee_effects(plan_like(0, every_45))
+    assert plain.invisible == ()
+    # −2 sin θ cos² θ is sin 2θ · cos θ: the head's harmonic, unless mounted turned
+    assert plain.alike == (("third_order", "indexer_harmonic"),)
+    assert foresee_effects(plan_like(0, every_45), mount_deg=45.0).alike == ()

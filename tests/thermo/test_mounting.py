@@ -78,6 +78,20 @@ def test_an_alias_set_becomes_a_name_after_the_experiment_proposed(seed, hidden,
     assert [(after.verdict, e.name) for e in after.effects] == [("named", name)]
 
 
+def test_an_experiment_is_proposed_for_runs_of_two_mountings_too() -> None:
+    runs = hidden_runs(3, {"k3": 20.0}, rates=(2.0,), every_45=True)
+    made = proposed(runs, "third_order", ["indexer_harmonic"])
+    assert made.sequence is not None
+    channel = channel_of(join_runs([runs, carried_out(3, made.sequence, {"k3": 20.0})]), "A")
+    model = mounted(default_baseline(channel), channel)
+    assert mounted(model, channel).names == model.names
+    again = propose_separation(
+        ThermalSource(channel, model), WHITE, Choice("third_order", ()), ["indexer_harmonic"]
+    )
+    assert again.d_before is not None
+    assert again.d_before > 5.0
+
+
 def test_a_turned_recording_has_its_forces_and_the_heads_angle() -> None:
     runs = hidden_runs(1, rates=(2.0,))
     made = proposed(runs, "third_order", ["indexer_harmonic"])

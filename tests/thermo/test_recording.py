@@ -152,6 +152,7 @@ def test_missing_file_and_sidecar(tmp_path):
         ("1.25", "true", "nominal_scale"),
         ("1.25", '1.25\nrun_start_utc = {"1" = 5}', "run_start_utc.1"),
         ("1.25", '1.25\nrun_start_utc = {"1" = "noon"}', "run_start_utc.1"),
+        ("1.25", '1.25\nmount_deg = {"1" = {"A" = "x"}}', "mount_deg.1.A"),
         ("1.25", "1.25\ncomment = 1", "comment"),
         ("nominal_scale", "scale", "nominal_scale"),
     ],
@@ -167,6 +168,32 @@ def test_start_times(tmp_path):
     sidecar = SIDECAR + '[run_start_utc]\n1 = 2026-11-22T23:00:00+01:00\n2 = "2026-01-01"\n'
     record = read_runs([put(tmp_path, HEADER + LINES, sidecar=sidecar)])
     assert record.run_start_utc == {"1": dt.datetime(2026, 11, 22, 22, tzinfo=dt.UTC)}
+
+
+def test_a_turned_mounting_gives_the_forces_and_is_written_again(tmp_path):
+    sidecar = SIDECAR + "[mount_deg.1]\nA = 45.0\nC = 10.0\n[mount_deg.2]\nA = 1.0\n"
+    record = read_runs([put(tmp_path, HEADER + LINES, sidecar=sidecar)])
+    assert record.mount_deg == {("1", "A"): 45.0}
+    half = 0.5**0.5
+    np.testing.assert_allclose(
+        record.specific_force_g, [[half, half, 0], [half, -half, 0], [0, 1, 0]], atol=1e-15
+    )
+    write_runs(record, tmp_path / "again.csv")
+    again = read_runs([tmp_path / "again.csv"])
+    assert again.mount_deg == record.mount_deg
+    plain = read_runs([put(tmp_path, HEADER + LINES)])
+    assert again.digest("1") == record.digest("1") != plain.digest("1")
+    assert record.select("B").mount_deg == {}
+
+
+def test_a_mounting_that_the_forces_deny_is_refused(tmp_path):
+    header = "run,serial,time_s,temp_c,position_deg,output,a_i_g,a_p_g,a_o_g\n"
+    lines = "1,A,0,20.5,0,0.001,0.7071,0.7071,0\n1,A,10,20.6,90,1.25,1,0,0\n"
+    path = put(tmp_path, header + lines, sidecar=SIDECAR + "[mount_deg.1]\nA = 45.0\n")
+    with pytest.raises(InputError) as caught:
+        read_runs([path])
+    assert caught.value.place == "line 3"
+    assert "turned by 0.0°" in caught.value.problem
 
 
 @pytest.mark.parametrize("name", ["out.csv", "out.parquet"])

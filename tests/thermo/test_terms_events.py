@@ -75,8 +75,8 @@ def test_two_poles_are_one_lag_behind_another() -> None:
 
 
 def test_memories_go_on_where_a_record_was_cut() -> None:
-    names = ("k0", "bias_hysteresis", "bias_hysteresis_plays", "thermal_lag_two_poles")
-    model = ErrorModel(tuple(term(n) for n in names))
+    loop = ("bias_hysteresis", "bias_hysteresis_start", "bias_hysteresis_plays")
+    model = ErrorModel(tuple(term(n) for n in ("k0", *loop, "thermal_lag_two_poles")))
     values = {n: 1.0 for n in model.start_values()} | {
         "bias_hysteresis_width": 9.0,
         "thermal_lag": 200.0,

@@ -1,6 +1,7 @@
 """A hidden effect through the instruments, in minutes of chamber time instead of days."""
 
 import json
+from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,8 @@ from thermo.planted import PLANTED, plain_accelerometer, plantable, simulated_by
 from thermo.sequence import load_sequence
 from thermo.terms import term
 from workbench import demo_hidden
+from workbench.demo_hidden_report import NextRun, next_run_lines
+from workbench.demo_steps import Steps
 
 HERE = Path(__file__).parent
 
@@ -60,6 +63,72 @@ def test_a_hidden_effect_is_named_from_the_files_and_the_next_run_is_matched(cal
     # nothing of the key is in what the search was given
     assert name not in (folder / "run.csv").read_text()
     assert (folder / "report/next_run.html").is_file()
+
+
+# Parameters that count from the first run's beginning; the key says the station's clock.
+BY_THE_CLOCK = {"run_in", "bias_step_at_h"}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", PLANTED)
+def test_every_effect_that_can_be_hidden_is_named_and_the_next_run_matched(name, tmp_path):
+    made = demo_hidden.run_hidden_demo(tmp_path, name, watch=lambda _: nullcontext(()))
+    assert made.right, [(d.serial, d.verdict, [e.name for e in d.effects]) for d in made.verdicts]
+    (mine,) = [d for d in made.verdicts if d.serial == made.serial]
+    planted = PLANTED[name]
+    one = term(planted.term) if planted.term else None
+    units = [(u.name, u.per_unit) for u in (*one.coefficients, *one.parameters)] if one else []
+    found = mine.effects[0].parameters
+    for own, per_unit in units:
+        if own not in BY_THE_CLOCK:
+            # the recorded rate is a slope over two minutes: rounded where ramps turn, 0.8 % short
+            blurred = 0.01 * abs(planted.values[own] * per_unit) * ("rate" in own)
+            off = abs(found[own].value - planted.values[own] * per_unit)
+            assert off < 4.0 * found[own].sigma + blurred, own
+    assert made.next_run is not None
+    # white 5 µg; 3 µg of drift with an hour of correlation are 9 ± 5.7 µg² over a run of 3.8 h
+    assert made.next_run.gap_after_ug**2 < 25.0 + 9.0 + 3.0 * 5.7
+    if made.next_run.predictive:
+        assert made.next_run.gap_after_ug < made.next_run.gap_before_ug
+
+
+def test_what_belonged_to_its_moment_is_compared_without_level_and_slope() -> None:
+    time_h, noise = np.linspace(0.0, 4.0, 500), np.random.default_rng(1).normal(0.0, 5.0, 500)
+    beside = {
+        predictive: NextRun(
+            serial="A",
+            time_h=time_h,
+            temp_c=0.0 * time_h,
+            before_ug=noise + 30.0,
+            after_ug=noise + 60.0 - 2.0 * time_h,
+            floor_ug=5.0,
+            predictive=predictive,
+        )
+        for predictive in (True, False)
+    }
+    assert beside[True].gap_after_ug > 50.0
+    # of 500 readings two are spent on the line: 5 µg but for 5/√1000
+    assert beside[False].gap_after_ug == pytest.approx(5.0, abs=3 * 0.16)
+    assert beside[False].gap_before_ug == pytest.approx(beside[False].gap_after_ug)
+    event, line = next_run_lines(beside[False])
+    assert "no model of earlier ones tells" in event
+    assert line.startswith("These apart: in the next run")
+    assert len(next_run_lines(beside[True])) == 1
+
+
+def test_the_time_left_follows_the_weights(monkeypatch):
+    told, clock = [], iter([0.0, 30.0, 40.0])
+    monkeypatch.setattr("workbench.demo_steps.time.monotonic", lambda: next(clock))
+    steps = Steps(told.append, [3.0, 1.0, 2.0])
+    steps.next("a night")
+    steps.next("a search")
+    steps.add(4.0)
+    steps.next("an experiment")
+    assert told == [
+        "1 of 3: a night",
+        "2 of 3: a search; about 0 min 30 s left",
+        "3 of 4: an experiment; about 1 min 00 s left",
+    ]
 
 
 def test_no_effect_and_a_wrong_one_are_refused_with_the_choices(refused, tmp_path):

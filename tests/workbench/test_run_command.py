@@ -84,6 +84,30 @@ def test_a_dry_run_tells_the_plan_and_writes_nothing(call, tmp_path, monkeypatch
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_turned_mounting_is_announced_and_stands_in_the_sidecar(call, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / "turned.toml"
+    path.write_text(
+        MINI.read_text().replace("nominal_scale = 1.3\n", "nominal_scale = 1.3\nmount_deg = 45.0\n")
+    )
+    told = "turn QA-001 by +45° on the head before the start; with the head at 0° each then reads "
+    told += "+0.707 g"
+    dry = call("run", path, "--dry-run")
+    assert told in dry.out
+    # a quarter turn's sin² is ½ at all four positions: for the other one it is not
+    first, second = call("run", path, "--dry-run", "--json").document["by_mounting"]
+    assert (first["serials"], second["serials"]) == (["QA-001"], ["QA-003"])
+    assert ["k0", "k2"] in first["not_separable"]
+    assert ["k0", "k2"] not in second["not_separable"]
+    assert "second_order" in first["effects_not_shown"]
+    done = call("run", path, "--store", "s.sqlite", "--out", "run.csv", "--json")
+    assert done.code == 0
+    assert done.err.startswith(f"mounting: {told}")
+    one, two = (read_runs([name]) for name in done.document["exported"])
+    assert set(one.mount_deg.values()) == {45.0}
+    assert two.mount_deg == {}
+
+
 class AbortedControl(RunControl):
     def __init__(self) -> None:
         super().__init__()
