@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
+from sinscal.calibrate import Mode, calibrate
 from sinscal.consistency import nis_of, normalised_rows
 from sinscal.earth import ARCMIN
 from sinscal.judged import Judged, Options, calibrate_and_judge
@@ -98,7 +99,7 @@ def test_shocks_are_refused_and_logged_and_flagged_rows_are_not_used() -> None:
     twin = make_twin(4)
     flag = np.zeros(len(twin.run), dtype=bool)
     flag[12_000:12_040] = True
-    run = shocked(twin.run, slice(5000, 5020), 30.0)
+    run = shocked(twin.run, slice(5000, 5020), 1.0)
     run = replace(shocked(run, slice(12_000, 12_040), -500.0), flag=flag)
     judged = calibrate_and_judge(run, COARSE)
     assert twin.chi2(judged) < chi2.isf(0.001, 21)
@@ -106,6 +107,23 @@ def test_shocks_are_refused_and_logged_and_flagged_rows_are_not_used() -> None:
     assert judged.refused
     assert {(r.cycle, round(r.time_s)) for r in judged.refused} <= {(0, 100), (0, 101)}
     assert max(abs(r.sigmas) for r in judged.refused) > 7.0
+
+
+@pytest.mark.parametrize("size", [1.0, 30.0], ids=["as large as bad sensors err", "violent"])
+@pytest.mark.parametrize("mode", ["coarse", "precise"])
+def test_shocks_that_nobody_flagged_do_not_turn_a_calibration(mode: Mode, size: float) -> None:
+    """Four shocks of 0.4 s; before, 1 m/s² led the precise mode 600 sigmas away."""
+    twin = make_twin(1, angle=mode == "precise")
+    run = twin.run
+    for first in (5_010, 17_173, 18_330, 28_618):
+        run = shocked(run, slice(first, first + 20), size)
+    found = calibrate(run, mode)
+    assert found.converged
+    error = found.values - np.array([twin.truth[name] for name in found.names])
+    scale = found.sigmas
+    u = error / scale
+    cost = float(u @ np.linalg.solve(found.cov / np.outer(scale, scale), u))
+    assert cost < chi2.isf(0.001, u.size)
 
 
 def test_noise_that_is_not_stated_is_found_in_the_run() -> None:
