@@ -28,6 +28,9 @@ CHORD_SIGMAS = 3.0
 # A gate that closes stays open for innovations up to this share of the largest that were used: a
 # shock of 10⁴ sigmas moves others by less, and six passes close the gate.
 CLOSING = 0.3
+# Where the gate refuses a larger share of what was measured, that are no outliers: the model is
+# wrong, and the gate stays open, so that the estimates are those of all readings alike.
+MOST_REFUSED = 0.05
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -62,6 +65,12 @@ def farthest(filtered: Filtered) -> float:
     return float(np.max(size, where=filtered.used, initial=0.0))
 
 
+def refused_share(filtered: Filtered) -> float:
+    """Return which share of the measurements the gate refused."""
+    seen = np.isfinite(filtered.innovation)
+    return 1.0 - float(np.sum(filtered.used & seen)) / max(float(np.sum(seen)), 1.0)
+
+
 def iterated(
     nominal: Nominal,
     layout: RigLayout,
@@ -93,6 +102,9 @@ def iterated(
     while True:
         start = start_about(nominal)
         filtered = run_filter(start, steps, gate=limit)
+        if refused_share(filtered) > MOST_REFUSED:
+            gate = limit = NO_GATE
+            filtered = run_filter(start, steps, gate=limit)
         moved = _moved(filtered.state, layout)
         converged = moved < enough and limit == gate
         if converged or count >= MAX_ITERATIONS:

@@ -103,7 +103,9 @@ def test_shocks_are_refused_and_logged_and_flagged_rows_are_not_used() -> None:
     run = replace(shocked(run, slice(12_000, 12_040), -500.0), flag=flag)
     judged = calibrate_and_judge(run, COARSE)
     assert twin.chi2(judged) < chi2.isf(0.001, 21)
-    assert judged.flagged == (0, 40, 0)
+    # in each cycle the corners of a reversal are left out; with the flags, two rows on either side
+    turns = calibrate_and_judge(twin.run, COARSE).flagged
+    assert np.subtract(judged.flagged, turns).tolist() == [0, 44, 0]
     assert judged.refused
     assert {(r.cycle, round(r.time_s)) for r in judged.refused} <= {(0, 100), (0, 101)}
     assert max(abs(r.sigmas) for r in judged.refused) > 7.0
