@@ -3,6 +3,7 @@
 import numpy as np
 from scipy.stats import chi2
 
+from errormodel.arrays import FloatArray
 from errormodel.model import ErrorModel
 from thermo.next_order import UNSEEN_SIGMAS, with_next_orders
 from thermo.selection import WORTH_CHI2
@@ -20,8 +21,8 @@ def test_a_cubic_fitted_to_a_quartic_is_as_far_off_as_its_covariance_says() -> N
     design = x[:, None] ** np.arange(5)
     cubic = design[:, :4]
     scale = np.max(np.abs(cubic), axis=0)
-    inverse = np.linalg.inv((cubic / scale).T @ (cubic / scale)) / np.outer(scale, scale)
-    cov = NOISE**2 * inverse
+    gram: FloatArray = (cubic / scale).T @ (cubic / scale)
+    cov: FloatArray = NOISE**2 * np.linalg.inv(gram) / np.outer(scale, scale)
     left = design[:, 4] - cubic @ np.linalg.lstsq(cubic, design[:, 4])[0]
     sigma = NOISE / np.linalg.norm(left)  # of the quartic's coefficient, had it been fitted
     rng = np.random.default_rng(1)
@@ -55,7 +56,7 @@ def test_the_scale_factor_is_relative_and_the_highest_order_stays() -> None:
     )
 
 
-def _chi2(error: np.ndarray, cov: np.ndarray) -> float:
+def _chi2(error: FloatArray, cov: FloatArray) -> float:
     size = np.sqrt(np.diag(cov))
     u = error / size
     return float(u @ np.linalg.solve(cov / np.outer(size, size), u))
