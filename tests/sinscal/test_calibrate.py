@@ -86,6 +86,12 @@ def test_a_single_cycle_says_what_it_does_not_show() -> None:
     assert "gyro_scale_x" not in lost | named
 
 
+def test_a_sins_that_is_mounted_askew_by_degrees() -> None:
+    """Its rotation vector does not add like small ones: at 5° χ² was up to 2.5 times its dof."""
+    wide = replace(PRECISE, priors=PriorFile(mount_sigma_rad=float(np.deg2rad(15.0))))
+    assert_consistent(campaign(range(4), wide, angle=True, mount_deg=15.0))
+
+
 def test_a_platform_whose_axes_are_not_orthogonal() -> None:
     sigma = 2 * ARCMIN
     twin = make_twin(3, angle=True, remount=sigma)
