@@ -1,8 +1,8 @@
 """What an order left out of a polynomial may still do: the share of choosing in a model's sigmas.
 
-The covariance of a fit takes its orders for the true ones. Where they were chosen by the data, the
-next order may be there and not have shown: the rule of choice takes it at a gain of 9 in χ², that
-is, three sigma. On the range fitted it is best counted as the next Legendre polynomial, which is
+The covariance of a fit takes its orders for the true ones. Where they were chosen by the data, a
+higher order may be there and not have shown: the rule of choice takes it at a gain of 9 in χ², that
+is, three sigma. On the range fitted it is best counted as a Legendre polynomial, which is
 orthogonal to those in the model, and whose size the readings tell about as well as that of the
 highest of them. So it may have any size within three sigma, found to one: together 2 sigma,
 √(3²/3 + 1). Without it the fit's coefficients are off by what this polynomial has in lower powers.
@@ -32,7 +32,7 @@ UNSEEN_SIGMAS = float(np.sqrt(WORTH_CHI2 / 3.0 + 1.0))
 def with_next_orders(
     model: ErrorModel, values: FloatArray, cov: FloatArray, range_x: tuple[float, float]
 ) -> tuple[ErrorModel, FloatArray, FloatArray]:
-    """Return a fitted model with the next orders of bias and scale factor, at zero.
+    """Return a fitted model with all higher orders of bias and scale factor, at zero.
 
     Parameters
     ----------
@@ -68,18 +68,21 @@ def _extended(
     if family == "k1" and not top:
         sigma /= abs(float(values[highest]))
     size = UNSEEN_SIGMAS * sigma / abs(float(_powers(top, range_x)[top]))
-    larger = model.with_terms(term(f"{family}_t{top + 1}"))
+    added = range(top + 1, MAX_ORDER + 1)
+    larger = model.with_terms(*(term(f"{family}_t{k}") for k in added))
     by_name = dict(zip(model.names, values.tolist(), strict=True))
     grown = np.array([by_name.get(n, 0.0) for n in larger.names])
     at = [larger.names.index(n) for n in model.names]
     total = np.zeros((grown.size, grown.size))
     total[np.ix_(at, at)] = cov
-    unseen = np.zeros(grown.size)
-    for k, power in enumerate((size * _powers(top + 1, range_x)).tolist()):
-        place = larger.names.index(f"{family}_t{k}" if k else family)
-        # the scale factor's polynomial is relative, its constant is not
-        unseen[place] = power * (grown[place] if family == "k1" and not k else 1.0)
-    return larger, grown, total + np.outer(unseen, unseen)
+    for order in added:
+        unseen = np.zeros(grown.size)
+        for k, power in enumerate((size * _powers(order, range_x)).tolist()):
+            place = larger.names.index(f"{family}_t{k}" if k else family)
+            # the scale factor's polynomial is relative, its constant is not
+            unseen[place] = power * (grown[place] if family == "k1" and not k else 1.0)
+        total += np.outer(unseen, unseen)
+    return larger, grown, total
 
 
 def _powers(order: int, range_x: Sequence[float]) -> FloatArray:

@@ -47,13 +47,12 @@ def test_the_scale_factor_is_relative_and_the_highest_order_stays() -> None:
     values[model.names.index("k1")] = 1.01
     sigmas = np.full(len(names), 1e-9)
     larger, _, cov = with_next_orders(model, values, np.diag(sigmas**2), RANGE_X)
-    assert {*larger.names} - {*names} == {"k1_t2"}
+    assert {*larger.names} - {*names} == {"k1_t2", "k1_t3", "k1_t4"}
     half = 0.5 * (RANGE_X[1] - RANGE_X[0])
-    # the second Legendre polynomial on the range: 1.5·u² − 0.5, as large as the first's sigma says
-    added = larger.names.index("k1_t2")
-    np.testing.assert_allclose(
-        np.sqrt(cov[added, added]), UNSEEN_SIGMAS * 1e-9 * half * 1.5 / half**2, rtol=1e-12
-    )
+    # the fourth Legendre polynomial on the range begins with 35/8·u⁴; the first is u
+    added = larger.names.index("k1_t4")
+    expected = UNSEEN_SIGMAS * 1e-9 * half * 35.0 / 8.0 / half**4
+    np.testing.assert_allclose(np.sqrt(cov[added, added]), expected, rtol=1e-12)
 
 
 def _chi2(error: FloatArray, cov: FloatArray) -> float:
