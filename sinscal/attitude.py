@@ -43,6 +43,26 @@ def rotvec_of(c: FloatArray) -> FloatArray:
     return np.asarray(flat, dtype=float).reshape(*c.shape[:-2], 3)
 
 
+def left_jacobian(rotvec: FloatArray) -> FloatArray:
+    """Return J with exp((φ + dφ)×) = exp((J·dφ)×)·exp(φ×) for small dφ, shape (3, 3).
+
+    Parameters
+    ----------
+    rotvec : ndarray, shape (3,)
+        φ, rad, of a turn at most.
+
+    References
+    ----------
+    Barfoot, T. D. (2017), State Estimation for Robotics, equation 7.77: the series Σ (φ×)ᵏ/(k+1)!,
+    here summed until nothing is added.
+    """
+    total = term = np.eye(3)
+    for k in range(1, 40):
+        term = term @ skew(rotvec) / (k + 1)
+        total = total + term
+    return total
+
+
 def c_nb_from_angles(roll: FloatArray, pitch: FloatArray, heading: FloatArray) -> FloatArray:
     """Return C_nb of roll, pitch and heading, rad, shape (…, 3, 3)."""
     sr, cr = np.sin(roll), np.cos(roll)

@@ -87,13 +87,13 @@ def calibrate(
     noise = noise or noise_of(run.facts, mode)
     cycles = cycle_data(run, interval_s)
     rig = RigFilter(facts=run.facts, cycles=cycles, sensors=sensors, prior=prior, noise=noise)
-    nominal, sigma = rig.find_north(interval_s)
+    nominal, sigma = rig.find_north(interval_s, gate)
     north = judge_north(run.facts, cycles, nominal, sigma, run.source)
     rig, nominal = replace(rig, facts=north.facts), north.nominal
     if mode == "precise":
         nominal = rig.with_platform(nominal)
     layout = rig.layout(angle=mode == "precise")
-    nominal = rig.thinned(interval_s).improved(nominal, layout)
+    nominal = rig.thinned(interval_s).improved(nominal, layout, gate)
     ended = rig.iterate(nominal, layout, gate, STEP_SIGMAS)
     return _result(rig, mode, ended, layout, north, run)
 

@@ -23,7 +23,7 @@ from sinscal.noise_estimate import NoiseFound, noise_of_run, refined
 from sinscal.observability import Observability, observability
 from sinscal.priors import PriorFile, RigPrior, make_prior
 from sinscal.rig_model_file import BiasStep, check_needs
-from sinscal.rigdata import RigNoise
+from sinscal.rigdata import RigNoise, unused_rows
 from sinscal.run import NavRun, RigRun
 from sinscal.sensors import T_REF_C, SensorModel, sensor_model
 from sinscal.terms import BASIC, TIME_OFFSET
@@ -134,10 +134,9 @@ def calibrate_and_judge(run: RigRun, options: Options, tell: Tell = lambda _: No
     for cycle in cycles_held(options.hold_out, len(run.cycles), run.source):
         tell(f"without cycle {cycle + 1}")
         held.append(hold_out(run, found, cycle, options.interval_s))
-    flag = np.asarray(run.flag)
     judged = judge(
         found,
-        [int(np.sum(flag[rows])) for rows in run.cycles],
+        [int(np.sum(unused_rows(run, rows))) for rows in run.cycles],
         held,
         noise_known=not {"accelerometer", "angle"} & {*noise.estimated},
         warnings=noise.warnings,

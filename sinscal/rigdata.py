@@ -5,11 +5,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from errormodel.arrays import FloatArray, IntArray
+from sinscal.abrupt import abrupt_rows
 from sinscal.attitude import rotation
 from sinscal.integrate import interval_rows
 from sinscal.layout import RigLayout
 from sinscal.run import AXES, BoolArray, RigRun
 from sinscal.sensors import Motion, rate_derivative
+from sinscal.shocks import violent_rows
 
 # Where north is only sought, steps are put together up to so long and so much of a turn.
 THIN_STEP_S = 0.1
@@ -127,6 +129,16 @@ class Nominal:
         return changed
 
 
+def unused_rows(run: RigRun, rows: slice) -> BoolArray:
+    """Return which rows of a cycle measure nothing.
+
+    They are flagged, the rate changes abruptly there, or the force is none that a rig makes.
+    """
+    flag = np.asarray(run.flag, dtype=np.bool_)[rows]
+    violent = violent_rows(run.accel[rows], run.step_s[rows])
+    return flag | abrupt_rows(run.gyro[rows]) | violent
+
+
 def cycle_data(run: RigRun, interval_s: float) -> tuple[CycleData, ...]:
     """Cut a run into its cycles and these into intervals."""
     out: list[CycleData] = []
@@ -147,7 +159,7 @@ def cycle_data(run: RigRun, interval_s: float) -> tuple[CycleData, ...]:
                     temp_c=None if run.temp_c is None else run.temp_c[rows],
                     begin_s=begins_s[k],
                 ),
-                good=~np.asarray(run.flag, dtype=np.bool_)[rows],
+                good=~unused_rows(run, rows),
                 first=interval_rows(time_s, step_s, interval_s),
                 axis=AXES.index(axes[k]) if axes else None,
                 angle=angle,

@@ -14,7 +14,7 @@ import numpy as np
 
 from errormodel.arrays import FloatArray
 from errormodel.filtering import Steps, joined
-from sinscal.attitude import rotation, skew
+from sinscal.attitude import left_jacobian, rotation, skew
 from sinscal.integrate import (
     LEAST_S,
     Intervals,
@@ -33,8 +33,9 @@ from sinscal.sensors import Motion, SensorModel
 class _Followed:
     """One cycle by a nominal: the true motion and the attitudes at middles and ends of its steps.
 
-    With the rig's angle also: its true value and rate, the platform's attitude C_np, and the
-    directions, as rows, along the axis and two across it.
+    With the rig's angle also: its true value and rate, the platform's attitude C_np, the
+    directions, as rows, along the axis and two across it, and how the mounting turns by its own
+    rotation vector.
     """
 
     k: int
@@ -46,6 +47,7 @@ class _Followed:
     turn: FloatArray
     c_np: FloatArray
     frame: FloatArray
+    by_mount: FloatArray
 
 
 def _follow(
@@ -66,7 +68,7 @@ def _follow(
         frame = base.T[(cycle.axis + np.arange(3)) % 3]
     return _Followed(
         k=k, cycle=cycle, true=true, middle=middle, end=end, angle=angle, turn=turn, c_np=c_np,
-        frame=frame,
+        frame=frame, by_mount=left_jacobian(_mount_vector(nominal, k)),
     )  # fmt: skip
 
 
@@ -237,8 +239,11 @@ def force_steps(
 
 def platform_mount(nominal: Nominal, k: int) -> FloatArray:
     """Return C_pb of cycle k: v_p = C_pb v_b."""
-    more = nominal.remount[k] if nominal.remount else 0.0
-    return rotation(nominal.mount + more)
+    return rotation(_mount_vector(nominal, k))
+
+
+def _mount_vector(nominal: Nominal, k: int) -> FloatArray:
+    return nominal.mount + (nominal.remount[k] if nominal.remount else 0.0)
 
 
 def _with_angle(
@@ -252,7 +257,8 @@ def _with_angle(
     """Fill three rows: the attitude by the rig against the computed one, along the axis and across.
 
     The rig's attitude is base · R(e, α) · C_pb, true when base, α and mounting are; the rotation
-    that takes the computed attitude into it is φ − η + e_n·(error of α) − C_np·δ.
+    that takes the computed attitude into it is φ − η + e_n·(error of α) − C_np·J·δ, with J of the
+    mounting's rotation vector.
     """
     frame = followed.frame
     mean = _mean_over(followed.cycle)
@@ -264,7 +270,7 @@ def _with_angle(
     if layout.drift:
         h[:, 3:, 3:6] = -frame @ found.turned_mean[:, :, n_gyro:]
     h[:, 3:, layout.base(followed.k)] = -frame
-    turned = mean(followed.c_np.reshape(-1, 9)).reshape(-1, 3, 3)
+    turned = mean(followed.c_np.reshape(-1, 9)).reshape(-1, 3, 3) @ followed.by_mount
     h[:, 3:, layout.mount] = -frame @ turned
     if layout.remount:
         h[:, 3:, layout.remounted(followed.k)] = -frame @ turned

@@ -17,7 +17,7 @@ from sinscal.rigfilter import make_steps, remeasured
 from sinscal.run import RigFacts
 from sinscal.sensors import SensorModel
 
-MAX_ITERATIONS = 15
+MAX_ITERATIONS = 20
 # Iteration ends when no unknown moves by more than this share of its sigma.
 STEP_SIGMAS = 0.02
 # North is sought only until nothing moves by more than this: the next filter goes on from there.
@@ -25,6 +25,12 @@ ROUGHLY_SIGMAS = 0.3
 # Once the nominal moves by less, the derivatives stay: after three sigmas attitudes and sensors are
 # another by 1e-4, and so are derivatives; estimates differ by less than 1e-3 of their sigmas.
 CHORD_SIGMAS = 3.0
+# A gate that closes stays open for innovations up to this share of the largest that were used: a
+# shock of 10⁴ sigmas moves others by less, and six passes close the gate.
+CLOSING = 0.3
+# Where the gate refuses a larger share of what was measured, that are no outliers: the model is
+# wrong, and the gate stays open, so that the estimates are those of all readings alike.
+MOST_REFUSED = 0.05
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -51,6 +57,18 @@ def spread_of(filtered: Filtered) -> float:
     seen = np.isfinite(filtered.innovation)
     size = np.abs(filtered.innovation[seen]) / np.sqrt(filtered.variance[seen])
     return float(np.median(size)) / 0.6745
+
+
+def farthest(filtered: Filtered) -> float:
+    """Return how many sigmas the largest innovation has of those that were used."""
+    size = np.abs(filtered.innovation) / np.sqrt(filtered.variance)
+    return float(np.max(size, where=filtered.used, initial=0.0))
+
+
+def refused_share(filtered: Filtered) -> float:
+    """Return which share of the measurements the gate refused."""
+    seen = np.isfinite(filtered.innovation)
+    return 1.0 - float(np.sum(filtered.used & seen)) / max(float(np.sum(seen)), 1.0)
 
 
 def iterated(
@@ -84,6 +102,9 @@ def iterated(
     while True:
         start = start_about(nominal)
         filtered = run_filter(start, steps, gate=limit)
+        if refused_share(filtered) > MOST_REFUSED:
+            gate = limit = NO_GATE
+            filtered = run_filter(start, steps, gate=limit)
         moved = _moved(filtered.state, layout)
         converged = moved < enough and limit == gate
         if converged or count >= MAX_ITERATIONS:
@@ -100,8 +121,9 @@ def iterated(
             nominal = nominal.improved(filtered.state.x, layout)
             steps = steps_about(nominal, steps if moved < CHORD_SIGMAS else None)
         if moved < enough or limit < np.inf:
-            # the gate closes as far as what is left of outliers and of the linearisation allows
-            limit = gate * max(1.0, 0.8 * spread_of(filtered))
+            # the gate closes as far as what is left of outliers and of the linearisation allows,
+            # the farthest outliers first: while they count, what is right seems to be wrong
+            limit = max(gate * max(1.0, 0.8 * spread_of(filtered)), CLOSING * farthest(filtered))
             limit = gate if limit < 1.05 * gate else limit
 
 
@@ -126,7 +148,7 @@ class RigFilter:
             remount=angle and self.prior.remount_sigma_rad > 0.0,
         )
 
-    def find_north(self, interval_s: float) -> tuple[Nominal, FloatArray]:
+    def find_north(self, interval_s: float, gate: float = NO_GATE) -> tuple[Nominal, FloatArray]:
         """Level, then gyrocompass: iterate in axes of any azimuth, and turn them to north.
 
         The data are taken at a lower rate: the filter that follows takes them at their own.
@@ -135,7 +157,7 @@ class RigFilter:
         layout = self.layout(wander=True)
         rough = self.thinned(interval_s)
         nominal = level_nominal(rough.cycles, self.sensors, self.prior.values, site)
-        ended = rough.iterate(nominal, layout, NO_GATE, ROUGHLY_SIGMAS)
+        ended = rough.iterate(nominal, layout, gate, ROUGHLY_SIGMAS)
         improved = ended.nominal.improved(ended.filtered.state.x, layout)
         north = find_north(improved, ended.filtered.state.cov, layout, site)
         return north.nominal, north.sigma_rad
@@ -144,9 +166,9 @@ class RigFilter:
         """Return the filter on the data at a lower rate, for a nominal to begin with."""
         return replace(self, cycles=[c.thinned(interval_s) for c in self.cycles])
 
-    def improved(self, nominal: Nominal, layout: RigLayout) -> Nominal:
-        """Return a nominal iterated until nothing moves by much; nothing is refused."""
-        ended = self.iterate(nominal, layout, NO_GATE, ROUGHLY_SIGMAS)
+    def improved(self, nominal: Nominal, layout: RigLayout, gate: float) -> Nominal:
+        """Return a nominal iterated until nothing moves by much."""
+        ended = self.iterate(nominal, layout, gate, ROUGHLY_SIGMAS)
         return ended.nominal.improved(ended.filtered.state.x, layout)
 
     def with_platform(self, nominal: Nominal) -> Nominal:

@@ -9,6 +9,7 @@ import numpy as np
 from scipy import ndimage
 
 from errormodel.arrays import FloatArray
+from sinscal.abrupt import stands_out
 from sinscal.recording_rows import stretches
 from sinscal.run import AXES, BoolArray, RigRun
 
@@ -18,6 +19,7 @@ WIDEN_S = 0.05  # what rings on either side
 MOST = 0.02  # share of a cycle: more is the motion itself, not shocks
 CLIPPED = 4  # equal extreme samples in a row
 BEYOND = 1.1  # times gravity
+FORCE_OFF = 0.15  # of the usual force: beyond any sensor's error and any rig's acceleration
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -48,6 +50,27 @@ def find_shocks(run: RigRun) -> tuple[Flagged, ...]:
     return tuple(sorted(found, key=lambda one: one.first))
 
 
+def violent_rows(accel: FloatArray, step_s: FloatArray) -> BoolArray:
+    """Return the rows of a cycle whose force no rig makes, with what rings about them, shape (n,).
+
+    A filter that takes them for gravity is thrown so far that its gate refuses what is right.
+
+    Parameters
+    ----------
+    accel : ndarray, shape (n, 3)
+        As measured, m/s².
+    step_s : ndarray, shape (n,)
+    """
+    force = np.linalg.norm(accel, axis=1)
+    usual = float(np.median(force))
+    size = np.abs(force - usual)
+    marked = size > max(FORCE_OFF * usual, THRESHOLD * float(np.median(size)) / 0.6745)
+    if not marked.any() or np.mean(marked) > MOST:
+        return np.zeros_like(marked)
+    around = max(1, round(WIDEN_S / float(np.median(step_s))))
+    return ndimage.binary_dilation(marked, iterations=around)
+
+
 def _shocked(run: RigRun, part: slice) -> BoolArray:
     """Return the rows of a cycle in which a reading stands alone, or the force stands out."""
     rows = part.stop - part.start
@@ -58,23 +81,14 @@ def _shocked(run: RigRun, part: slice) -> BoolArray:
     size = min(2 * round(0.5 * SPAN_S / step_s) + 1, 2 * (rows // 4) + 1)
     force = np.linalg.norm(run.accel[part], axis=1)
     usual = ndimage.median_filter(force, size=max(size, 3), mode="nearest")
-    marked |= _stands_out((force - usual)[:, None])[:, 0]
+    marked |= stands_out((force - usual)[:, None], THRESHOLD)[:, 0]
     for values in (run.gyro[part], run.accel[part]):
         alone = values[1:-1] - 0.5 * (values[:-2] + values[2:])
         # where a rate begins to change its neighbours differ too: that is motion
         motion = np.abs(alone) < np.abs(values[2:] - values[:-2])
-        marked[1:-1] |= (_stands_out(alone) & ~motion).any(axis=1)
+        marked[1:-1] |= (stands_out(alone, THRESHOLD) & ~motion).any(axis=1)
     around = max(1, round(WIDEN_S / step_s))
     return ndimage.binary_dilation(marked, iterations=around)
-
-
-def _stands_out(signals: FloatArray) -> BoolArray:
-    """Return which values of columns are beyond their noise; outliers do not move its measure."""
-    size = np.abs(signals - np.median(signals, axis=0))
-    sigma = np.median(size, axis=0) / 0.6745
-    # of coarsely quantised readings most may be equal: then one step is the measure
-    step = np.min(np.where(size > 0, size, np.inf), axis=0)
-    return np.abs(signals) > THRESHOLD * np.maximum(sigma, np.where(sigma > 0, 0.0, step))
 
 
 def _clipped(force: FloatArray, gravity: float) -> list[tuple[int, int]]:

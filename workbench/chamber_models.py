@@ -8,6 +8,7 @@ from errormodel.model import ErrorModel
 from sinscal.combined import ChamberModel
 from sinscal.priors import G
 from thermo.modelfile import AccelerometerModel, reporting_factors
+from thermo.next_order import with_next_orders
 from thermo.twin import T_REF_C, emulated_accelerometer
 
 
@@ -31,7 +32,8 @@ def three_serials(names: str) -> list[str]:
 def chamber_model(one: AccelerometerModel) -> ChamberModel:
     """Return a fitted model as the rig takes it: in the model's own units.
 
-    What belonged to the fitted runs or moments alone is left out: on the rig it is not.
+    What belonged to the fitted runs or moments alone is left out: on the rig it is not. The next
+    orders of bias and scale factor come in at zero, with what they may do unseen.
 
     Raises
     ------
@@ -48,12 +50,18 @@ def chamber_model(one: AccelerometerModel) -> ChamberModel:
     at = [one.names.index(n) for n in model.names]
     factors = reporting_factors(model, one.nominal_scale)
     scale = np.array([factors[n] for n in model.names])
-    values = one.values()
+    own = one.values()
+    model, values, cov = with_next_orders(
+        model,
+        np.array([own[n] for n in model.names]),
+        np.array(one.covariance)[np.ix_(at, at)] / np.outer(scale, scale),
+        (one.valid_c[0] - one.t_ref_c, one.valid_c[1] - one.t_ref_c),
+    )
     return ChamberModel(
         serial=one.serial,
         model=model,
-        values=np.array([values[n] for n in model.names]),
-        cov=np.array(one.covariance)[np.ix_(at, at)] / np.outer(scale, scale),
+        values=values,
+        cov=cov,
         gravity_m_s2=one.gravity_m_s2,
         t_ref_c=one.t_ref_c,
         valid_c=one.valid_c,

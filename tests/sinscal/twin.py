@@ -53,6 +53,7 @@ def make_twin(
     angle: bool = False,
     noise: SensorNoise = NOISE,
     remount: float = 0.0,
+    mount_deg: float = 1.0,
 ) -> Twin:
     """Draw errors, mounting, clock offset and azimuth from their priors, `size` times as large."""
     rng = np.random.default_rng(seed)
@@ -60,7 +61,7 @@ def make_twin(
     sigma = np.sqrt(np.diag(make_prior(sensors).cov))
     draw = size * sigma * rng.standard_normal(sigma.size)
     values = dict(zip(sensors.names, draw.tolist(), strict=True))
-    mount = np.deg2rad(1.0) * rng.standard_normal(3)
+    mount = np.deg2rad(mount_deg) * rng.standard_normal(3)
     offset = 0.05 * rng.standard_normal()
     more = remount * rng.standard_normal((len(axes), 3))
     faults = RigFaults(
