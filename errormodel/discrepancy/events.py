@@ -7,6 +7,7 @@ them cannot be told from a random walk, and that is true.
 """
 
 from collections.abc import Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
 
 import numpy as np
@@ -155,6 +156,7 @@ def event_ratios(
     shapes: Sequence[NoiseShape],
     residuals: FloatArray,
     candidates: Sequence[Candidate] | None = None,
+    pool: Executor | None = None,
 ) -> FloatArray:
     """Return twice the log-likelihood ratio of each candidate, shape (candidates, D).
 
@@ -169,19 +171,24 @@ def event_ratios(
     residuals : ndarray, shape (n, D)
     candidates : sequence of Candidate, optional
         By default the events.
+    pool : Executor, optional
+        Threads, each with a noise shape of its own.
     """
     events = events_of(problem) if candidates is None else tuple(candidates)
     judge = Restricted(problem.times, problem.base)
     beside = _with_base(problem, judge.mean, problem.residual)
-    without = np.full(residuals.shape[1], -np.inf)
-    with_effect = np.full((len(events), residuals.shape[1]), -np.inf)
-    for shape in shapes:
-        likelihood, sigma = judge.evaluate(shape, residuals)
-        likelihood = likelihood - PENALTY[shape.family]
+
+    def likelihoods(shape: NoiseShape) -> tuple[FloatArray, FloatArray]:
+        plain, sigma = judge.evaluate(shape, residuals)
+        plain = plain - PENALTY[shape.family]
         view = View(beside, shape, 1.0)
         gains = Prepared(view, events).null_gains(view.white(residuals))
         share = np.clip(gains / (sigma**2 * judge.dof), 0.0, 1.0 - 1e-12)
-        without = np.maximum(without, likelihood)
-        improved = likelihood - 0.5 * judge.dof * np.log1p(-share)
+        return plain, plain - 0.5 * judge.dof * np.log1p(-share)
+
+    without = np.full(residuals.shape[1], -np.inf)
+    with_effect = np.full((len(events), residuals.shape[1]), -np.inf)
+    for plain, improved in (pool.map if pool else map)(likelihoods, shapes):
+        without = np.maximum(without, plain)
         with_effect = np.maximum(with_effect, improved)
     return 2.0 * np.maximum(with_effect - without, 0.0)

@@ -6,7 +6,7 @@ tail of each statistic is an exponential fitted to the draws above their upper f
 p-value of the library has a law of its own, from the same draws.
 """
 
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,7 +19,6 @@ from errormodel.discrepancy.problem import Problem
 from errormodel.discrepancy.scan import Prepared, View
 
 TAIL_SHARE = 0.2
-PART = 50  # draws that are worked on together
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -123,8 +122,7 @@ def calibrate(
     draws : int
     rng : numpy.random.Generator
     workers : int
-        Threads; the arithmetic releases the interpreter. The draws are made and cut into parts in
-        the same way whatever their number, so that the laws do not depend on it.
+        Threads, each with a noise shape of its own; the laws do not depend on their number.
 
     Returns
     -------
@@ -134,26 +132,28 @@ def calibrate(
     for candidate in problem.candidates:
         candidate.prepared()  # once, before the threads would each do it
     shapes_of_events = _shapes_of_events(problem, floor)
-    parts: list[FloatArray] = [noise[:, k : k + PART] for k in range(0, draws, PART)]
-
-    def values(own: FloatArray) -> tuple[FloatArray, FloatArray]:
-        return _null_values(problem, floor, own, shapes_of_events)
-
     with ThreadPoolExecutor(workers) as pool:
-        done = list(pool.map(values, parts))
-    gains, factors = np.hstack([d[0] for d in done]), np.hstack([d[1] for d in done])
+        gains, factors = _null_values(problem, floor, noise, pool)
+        if shapes_of_events:  # an event counts with its likelihood ratio
+            rows = [k for k, c in enumerate(problem.candidates) if c.event]
+            gains[rows] = event_ratios(problem, shapes_of_events, noise, pool=pool)
     return _laws(problem, gains, factors, shapes_of_events)
 
 
 def _null_values(
-    problem: Problem, floor: NoiseFloor, noise: FloatArray, shapes_of_events: tuple[NoiseShape, ...]
+    problem: Problem, floor: NoiseFloor, noise: FloatArray, pool: Executor
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the gains of candidates and of factors, one column a draw."""
+    """Return the gains of candidates and of factors, one column a draw.
+
+    All draws that are judged by one noise shape are worked on together: what takes the time is to
+    make the candidates ready under it.
+    """
     draws = int(noise.shape[1])
     shapes, sigmas = _estimated(problem, floor, noise)
     gains = np.empty((len(problem.candidates), draws))
     factors = np.empty((len(problem.factors), draws))
-    for shape in dict.fromkeys(shapes):
+
+    def judge_by(shape: NoiseShape) -> None:
         mine = np.flatnonzero([s == shape for s in shapes])
         view = View(problem, shape, 1.0)
         data = view.white(noise[:, mine]) / sigmas[mine]
@@ -162,9 +162,8 @@ def _null_values(
         gains[:, mine] = Prepared(scaled, problem.candidates).null_gains(data)
         for k, factor in enumerate(problem.factors):
             factors[k, mine] = view.factor_gains(factor, data)
-    if shapes_of_events:  # an event counts with its likelihood ratio
-        rows = [k for k, c in enumerate(problem.candidates) if c.event]
-        gains[rows] = event_ratios(problem, shapes_of_events, noise)
+
+    list(pool.map(judge_by, dict.fromkeys(shapes)))
     return gains, factors
 
 
