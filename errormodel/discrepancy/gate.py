@@ -112,7 +112,9 @@ def judge(
     spikes = bursts(view)
     left = max((f.excess for f in repeating), default=0.0)
     share = result.explained / (result.explained + left) if result.explained else 0.0
-    loud, restless = bool(repeating), bool(passing) or spikes > BURSTS
+    loud = bool(repeating)
+    wanders = result.over_wander < rules.over_wander
+    restless = bool(passing) or spikes > BURSTS or wanders
     loud_noise = restless or too_much_drift
     events = result.slots and all(_is_event(view, s.choice.name) for s in result.slots)
     verdict: Verdict = "nothing"

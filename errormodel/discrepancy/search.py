@@ -3,14 +3,18 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from errormodel.arrays import FloatArray
 from errormodel.discrepancy.choices import Choice, Rules, SearchResult, Slot, Source
 from errormodel.discrepancy.coloured import NoiseShape
 from errormodel.discrepancy.events import event_ratios, events_of, fixed, placed
 from errormodel.discrepancy.floor import NoiseFloor, estimate_floor
 from errormodel.discrepancy.nulls import Calibration
+from errormodel.discrepancy.pairs import best_pair
 from errormodel.discrepancy.problem import Candidate, Problem, Signature
 from errormodel.discrepancy.scan import Found, Prepared, View
+from errormodel.discrepancy.wander import over_wander
 
 
 def chi_square(view: View) -> float:
@@ -24,12 +28,14 @@ class Ranked:
     """A candidate at its best.
 
     `score` is its gain beyond its mean under the null: what an effect with more unknowns gains by
-    luck does not count for it. `p_value` is over the whole library.
+    luck does not count for it. `p_value` is over the whole library; `rich` tells that the most
+    supple member of its family stands for it.
     """
 
     found: Found
     score: float
     p_value: float
+    rich: bool = False
 
 
 # Simulates the null laws anew once the noise has been estimated beside an event.
@@ -51,6 +57,7 @@ class Search:
         self.rules = rules or Rules()
         self._again = again
         self._entered: dict[str, float] = {}
+        self._instead: dict[str, tuple[str, ...]] = {}  # two effects that explain more than one
         self._shapes: tuple[NoiseShape, ...] = laws.shapes
 
     def view(self, chosen: Sequence[Choice]) -> View:
@@ -72,13 +79,15 @@ class Search:
             if not ranked or not self._enters(ranked[0]):
                 break
             best = ranked[0].found
-            if chosen and not best.candidate.event and self._is_shape(ranked[0], view):
+            if chosen and not self._adds(ranked[0], view, chosen):
                 break
             self._entered[best.candidate.name] = ranked[0].p_value
             chosen.append(Choice(best.candidate.name, best.theta))
             chosen = self._made_supple(chosen)
             if best.candidate.event:
                 self._renew_floor(chosen)
+            elif len(chosen) == 1 and self.rules.pairs and self.rules.most > 1:
+                chosen = self._or_two(view, chosen)
         return chosen, first
 
     def run(self) -> SearchResult:
@@ -92,7 +101,25 @@ class Search:
         if slots:
             before, after = self.view([]), self.view([s.choice for s in slots])
             explained = chi_square(before) - chi_square(after)
-        return SearchResult(slots=slots, floor=self.floor, explained=explained, first=first)
+        return SearchResult(
+            slots=slots,
+            floor=self.floor,
+            explained=explained,
+            over_wander=self._over_wander([s.choice for s in slots]),
+            first=first,
+        )
+
+    def _over_wander(self, chosen: Sequence[Choice]) -> float:
+        """Return how much likelier the events chosen are than a smooth wander in their place."""
+        passing = self.view([]).problem.events
+        view = self.view([c for c in chosen if c.name not in passing])
+        events = [c for c in chosen if c.name in passing]
+        if not events or not self._shapes:
+            return float("inf")
+        by_name = {c.name: c for c in view.problem.candidates}
+        columns = np.hstack([by_name[c.name].signature(c.theta).columns for c in events])
+        unknowns = columns.shape[1] + sum(len(c.theta) for c in events)
+        return over_wander(view.problem, self._shapes, columns, unknowns)
 
     def ranked(self, view: View) -> list[Ranked]:
         """Return every candidate at its best, under the present noise, best first."""
@@ -165,6 +192,17 @@ class Search:
     def _p_value(self, name: str, gain: float) -> float:
         return self.laws.p_family(name, gain)
 
+    def _adds(self, one: Ranked, view: View, chosen: Sequence[Choice]) -> bool:
+        """Tell whether a further effect is more than the ill-known shape of those before it.
+
+        What one event leaves of a random walk looks like another: a second event must be as clear
+        as a second effect that repeats. Beside what repeats, an event is judged as the first is.
+        """
+        candidate, events = one.found.candidate, view.problem.events
+        if candidate.name in events and any(c.name in events for c in chosen):
+            return one.score >= self.rules.further
+        return candidate.event or not self._is_shape(one, view)
+
     def _is_shape(self, one: Ranked, view: View) -> bool:
         """Tell whether an effect is only the ill-known shape of those named before it."""
         if one.score < self.rules.further:
@@ -188,6 +226,28 @@ class Search:
         more = _unknowns(head.richer) - _unknowns(head)
         if rich.gain - plain.gain > self.rules.supple + 2.0 * more:
             return [*chosen[:-1], Choice(last.name, rich.theta, rich=True)]
+        return chosen
+
+    def _or_two(self, view: View, chosen: list[Choice]) -> list[Choice]:
+        """Return two effects instead of the first where they explain clearly more than it.
+
+        Where they explain more, but not enough for a second name, the first is no bare name.
+        """
+        steady = [c for c in view.problem.candidates if not c.event]
+        pair = best_pair(view, steady)
+        if pair is None:
+            return chosen
+        both = self._made_supple(self._made_supple(list(pair))[::-1])[::-1]
+        more = chi_square(self.view(chosen)) - chi_square(self.view(both))
+        beside = self.view(both[:1])
+        second = next(c for c in beside.problem.candidates if c.name == both[1].name)
+        found = Prepared(beside, [second]).scan()[0]
+        own = Ranked(found, found.gain - self._luck(second.name), 0.0)
+        if more > self.rules.further and not self._is_shape(own, beside):
+            return both
+        names = tuple(c.name for c in both)
+        if more > self.rules.least and chosen[0].name not in names:
+            self._instead[chosen[0].name] = names
         return chosen
 
     def _renew_floor(self, chosen: Sequence[Choice]) -> None:
@@ -253,22 +313,32 @@ class Search:
             return None
         top = max(r.score for r in ranked)
         below = [(r.found.candidate.name, top - r.score) for r in ranked]
+        alias = tuple(n for n, b in below if b < self.rules.alias)
+        if not others:
+            alias = tuple(dict.fromkeys((*alias, *self._instead.get(name, ()))))
         return Slot(
-            choice=Choice(name, best.theta, rich=present.rich and name == present.name),
+            choice=Choice(name, best.theta, rich=ranked[0].rich),
             gain=_gain(view, best) if best.candidate.event else best.gain,
             p_value=p_value,
             rivals=tuple(below[1:]),
-            alias=tuple(n for n, b in below if b < self.rules.alias),
+            alias=alias,
         )
 
     def _with_rich(self, view: View, ranked: list[Ranked], present: Choice) -> list[Ranked]:
-        """Let the richer member stand for its family where it was chosen."""
-        if not present.rich:
-            return ranked
-        made = [
-            self._richer(view, r) if r.found.candidate.name == present.name else r for r in ranked
-        ]
-        return sorted(made, key=lambda r: -r.score)
+        """Let the richer member stand for its family where it was chosen, and for every rival.
+
+        A rival is told from an effect only when the most supple member of its family is. One whose
+        plain member explains less than half as much is none.
+        """
+        near = 0.5 * max(r.score for r in ranked)
+
+        def supple(one: Ranked) -> Ranked:
+            if one.found.candidate.name == present.name:
+                return self._richer(view, one) if present.rich else one
+            rich = self._richer(view, one) if one.score > near else one
+            return rich if rich.score > one.score else one
+
+        return sorted(map(supple, ranked), key=lambda r: -r.score)
 
     def _richer(self, view: View, plain: Ranked) -> Ranked:
         candidate = plain.found.candidate
@@ -282,7 +352,8 @@ class Search:
             gain=rich.gain,
             grid_gain=max(plain.found.grid_gain, rich.grid_gain),
         )
-        return Ranked(found, plain.score + rich.gain - plain.found.gain - 2.0 * more, plain.p_value)
+        score = plain.score + rich.gain - plain.found.gain - 2.0 * more
+        return Ranked(found, score, plain.p_value, rich=True)
 
 
 def _lasting(view: View, ranked: list[Ranked]) -> list[Ranked]:
