@@ -57,12 +57,14 @@ def shapes_allowed(problem: Problem, floor: NoiseFloor) -> tuple[NoiseShape, ...
     steady = independent(problem.saturated)
     rest = problem.residual - steady @ (steady.T @ problem.residual)
     passing = _with_base(problem, problem.base, rest)
-    probes = _menu(problem.times, POWERS_TO_PLACE, 2)
+    probes = noise_menu(problem.times, POWERS_TO_PLACE, 2)
     columns: list[FloatArray] = [np.zeros((len(problem.times), 0))]
     for candidate in events_of(problem):
         columns.append(columns_of(candidate.signature(placed(passing, probes, candidate).theta)))
     judge = Restricted(problem.times, problem.saturated)
-    menu = tuple(dict.fromkeys((*(s for _, s in floor.support), *_menu(problem.times, POWERS, 4))))
+    menu = tuple(
+        dict.fromkeys((*(s for _, s in floor.support), *noise_menu(problem.times, POWERS, 4)))
+    )
     beside = np.array(
         [judge.beside(s, problem.residual, columns) - PENALTY[s.family] for s in menu]
     )
@@ -73,7 +75,7 @@ def shapes_allowed(problem: Problem, floor: NoiseFloor) -> tuple[NoiseShape, ...
     return tuple(dict.fromkeys(kept))
 
 
-def _menu(times: TimeBase, powers: Sequence[float], taus: int) -> tuple[NoiseShape, ...]:
+def noise_menu(times: TimeBase, powers: Sequence[float], taus: int) -> tuple[NoiseShape, ...]:
     """Return noise shapes of every kind: white, and slow parts of these powers."""
     between = np.geomspace(5.0 * times.step_s, SLOWEST_SPANS * times.span_s, taus).tolist()
     return (
