@@ -3,8 +3,8 @@
     PYTHONPATH=. .venv/bin/python benchmarks/bench_events.py [--strength 14] [--draws 40]
 
 Strength is measured by the true noise: an event of strength 14 is 14 of its sigmas for whoever
-knows that noise. Four runs of 1 °C/min are simulated in block means under white noise of 2 µg,
-alone and with a drift of 3 µg over 1 h. An event counts as found when its likelihood ratio is one
+knows that noise. Four runs of 1 °C/min with rests of 1 h are simulated in block means, under white
+noise of 2 µg, alone and with a drift of 3 µg over 1 h. An event counts as found when its likelihood ratio is one
 that luck gives in 0.2 % of nulls: with the noise known, with its family known and its size and
 correlation time not, and with nothing known of it (the nulls then are of the noise that is
 likeliest without an event, which is what a measurement would be judged by).
@@ -17,6 +17,8 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy
 import argparse
 from collections import Counter
 from collections.abc import Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 
@@ -27,10 +29,12 @@ from errormodel.discrepancy.floor import PENALTY, Restricted
 from errormodel.discrepancy.nulls import NullLaw
 from errormodel.discrepancy.problem import Candidate, Problem
 from errormodel.discrepancy.scan import View
-from tests.thermo.discrepancy_examples import hidden_runs
+from tests.hidden.chamber_truth import write_set
+from tests.hidden.plan import recipe
 from thermo.discrepancy import default_baseline
 from thermo.discrepancy_source import ThermalSource
 from thermo.inputs import channel_of
+from thermo.recording import read_runs
 
 WHITE_UG = 5.0 / np.sqrt(6.0)  # of a block: six readings of 5 µg
 NOISES = {"white": NoiseShape(), "white + OU": drifting((3.0 / WHITE_UG) ** 2, 3600.0)}
@@ -38,6 +42,16 @@ RUN_IN_H = 5.0
 EVENTS = ("run_in", "bias_drift", "turn_on_offset", "bias_step")
 NULLS = 300
 LUCK = 0.002  # a quarter of what all four events are allowed together
+
+
+def four_runs() -> Problem:
+    """Return the engine's problem of four runs of the blind benchmark's first protocol."""
+    with TemporaryDirectory() as name:
+        folder = Path(name)
+        write_set(folder, folder / "key.json", recipe("nothing", "P1", "white"), [1, 1])
+        runs = read_runs([folder / "run.csv"])
+    channel = channel_of(runs, runs.serials[0])
+    return ThermalSource(channel, default_baseline(channel)).problem((), NoiseShape())
 
 
 def signatures(
@@ -81,9 +95,7 @@ def main() -> None:
     parser.add_argument("--strength", type=float, default=14.0)
     parser.add_argument("--draws", type=int, default=40)
     asked = parser.parse_args()
-    channel = channel_of(hidden_runs(1), "A")
-    source = ThermalSource(channel, default_baseline(channel))
-    problem = source.problem((), NoiseShape())
+    problem = four_runs()
     events = {c.name: c for c in problem.candidates if c.name in EVENTS}
     print("| event | noise | noise known | its family known | nothing known | ratio | taken for |")
     print("|---|---|---|---|---|---|---|")
