@@ -4,10 +4,10 @@
 
 Strength is measured by the true noise: an event of strength 14 is 14 of its sigmas for whoever
 knows that noise. Four runs of 1 °C/min with rests of 1 h are simulated in block means, under white
-noise of 2 µg, alone and with a drift of 3 µg over 1 h. An event counts as found when its likelihood ratio is one
-that luck gives in 0.2 % of nulls: with the noise known, with its family known and its size and
-correlation time not, and with nothing known of it (the nulls then are of the noise that is
-likeliest without an event, which is what a measurement would be judged by).
+noise of 2 µg, alone and with a drift of 3 µg over 1 h. An event counts as found when its
+likelihood ratio is one that luck gives in 0.2 % of nulls: with the noise known, with its family
+known and its size and correlation time not, and with nothing known of it (the nulls then are of
+the noise that is likeliest without an event, which is what a measurement would be judged by).
 """
 
 import os
