@@ -7,8 +7,8 @@ import numpy as np
 
 from errormodel.discrepancy.choices import Rules, SearchResult
 from errormodel.discrepancy.nulls import Calibration
+from errormodel.discrepancy.ranking import residual_of
 from errormodel.discrepancy.scan import View
-from errormodel.discrepancy.search import residual_of
 
 Verdict = Literal["named", "alias", "unexplained_repeatable", "unexplained_noise", "nothing"]
 # What one resolved direction of a factor costs when factors are compared (ln of some 20 samples).

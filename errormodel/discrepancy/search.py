@@ -1,42 +1,27 @@
 """The search: one effect after another, each slot tried again once the others are known."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from errormodel.arrays import FloatArray
 from errormodel.discrepancy.choices import Choice, Rules, SearchResult, Slot, Source
 from errormodel.discrepancy.coloured import NoiseShape
 from errormodel.discrepancy.events import event_ratios, events_of, fixed, placed
 from errormodel.discrepancy.floor import NoiseFloor, estimate_floor
 from errormodel.discrepancy.nulls import Calibration
 from errormodel.discrepancy.pairs import best_pair
-from errormodel.discrepancy.problem import Candidate, Problem, Signature
+from errormodel.discrepancy.problem import Problem
+from errormodel.discrepancy.ranking import (
+    Ranked,
+    chi_square,
+    gain_of,
+    lasting,
+    simplest_first,
+    unknowns_of,
+)
 from errormodel.discrepancy.scan import Found, Prepared, View
 from errormodel.discrepancy.wander import over_wander
-
-
-def chi_square(view: View) -> float:
-    """Return the whitened sum of squares that the baseline leaves."""
-    rest = view.beside_base(view.data[:, None])[:, 0]
-    return float(rest @ rest)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Ranked:
-    """A candidate at its best.
-
-    `score` is its gain beyond its mean under the null: what an effect with more unknowns gains by
-    luck does not count for it. `p_value` is over the whole library; `rich` tells that the most
-    supple member of its family stands for it.
-    """
-
-    found: Found
-    score: float
-    p_value: float
-    rich: bool = False
-
 
 # Simulates the null laws anew once the noise has been estimated beside an event.
 Recalibrate = Callable[[Problem, NoiseFloor], Calibration]
@@ -145,8 +130,8 @@ class Search:
         What repeats can then be tested by a second run; a step that happened beside it cannot, and
         a step of free instant imitates a loop that turns back but once.
         """
-        lasting = _lasting(view, ranked)
-        return lasting if any(self._enters(r) for r in lasting) else ranked
+        staying = lasting(view, ranked)
+        return staying if any(self._enters(r) for r in staying) else ranked
 
     def _events(self, view: View) -> list[Ranked]:
         """Return the events where they are likeliest."""
@@ -223,7 +208,7 @@ class Search:
             return chosen
         plain = Prepared(view, [head]).scan()[0]
         rich = Prepared(view, [head.richer]).scan()[0]
-        more = _unknowns(head.richer) - _unknowns(head)
+        more = unknowns_of(head.richer) - unknowns_of(head)
         if rich.gain - plain.gain > self.rules.supple + 2.0 * more:
             return [*chosen[:-1], Choice(last.name, rich.theta, rich=True)]
         return chosen
@@ -292,13 +277,13 @@ class Search:
             ranked = [*self._events(view), *self._beside_own_noise(view, steady)]
             ranked = sorted(ranked, key=lambda r: -r.score)
             if present.name not in view.problem.events:
-                ranked = _lasting(view, ranked)
+                ranked = lasting(view, ranked)
             able = (r for r in ranked if r.found.candidate.event or r.p_value < self.rules.alpha)
             first = next(able)
             ranked = [first, *(r for r in ranked if r is not first)]
         else:
             ranked = self._with_rich(view, ranked, present)
-        ranked = _simplest_first(ranked)
+        ranked = simplest_first(ranked)
         best = ranked[0].found
         name = best.candidate.name
         # an event was judged when it entered; the noise has since been estimated beside it
@@ -318,7 +303,7 @@ class Search:
             alias = tuple(dict.fromkeys((*alias, *self._instead.get(name, ()))))
         return Slot(
             choice=Choice(name, best.theta, rich=ranked[0].rich),
-            gain=_gain(view, best) if best.candidate.event else best.gain,
+            gain=gain_of(view, best) if best.candidate.event else best.gain,
             p_value=p_value,
             rivals=tuple(below[1:]),
             alias=alias,
@@ -345,7 +330,7 @@ class Search:
         if candidate.richer is None:
             return plain
         rich = Prepared(view, [candidate.richer]).scan()[0]
-        more = _unknowns(candidate.richer) - _unknowns(candidate)
+        more = unknowns_of(candidate.richer) - unknowns_of(candidate)
         found = Found(
             candidate=candidate,
             theta=rich.theta,
@@ -354,37 +339,3 @@ class Search:
         )
         score = plain.score + rich.gain - plain.found.gain - 2.0 * more
         return Ranked(found, score, plain.p_value, rich=True)
-
-
-def _lasting(view: View, ranked: list[Ranked]) -> list[Ranked]:
-    """Return what may repeat, where one run is all there is and all are judged as events."""
-    if not all(c.event for c in view.problem.candidates):
-        return ranked
-    return [r for r in ranked if r.found.candidate.name not in view.problem.events]
-
-
-def _gain(view: View, one: Found) -> float:
-    """Return the chi-square that an effect explains under the view's noise."""
-    points = view.points([one.candidate.signature(one.theta)])
-    return float(view.gains(points, view.data[:, None])[0, 0])
-
-
-# Scores this close are a tie: the effect with fewer unknowns is put first.
-TIE = 2.0
-
-
-def _simplest_first(ranked: list[Ranked]) -> list[Ranked]:
-    """Put the effect with the fewest unknowns before those that are hardly better."""
-    tied = [r for r in ranked if ranked[0].score - r.score < TIE]
-    first = min(tied, key=lambda r: _unknowns(r.found.candidate))
-    return [first, *(r for r in ranked if r is not first)]
-
-
-def _unknowns(candidate: Candidate) -> int:
-    signature: Signature = candidate.prepared()[0]
-    return signature.columns.shape[1] + len(candidate.grid[0])
-
-
-def residual_of(view: View) -> FloatArray:
-    """Return the whitened residual beside the baseline."""
-    return view.beside_base(view.data[:, None])[:, 0]
