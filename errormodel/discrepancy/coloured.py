@@ -82,10 +82,6 @@ def _innovations(
     return out
 
 
-# A slow process may take this share of the usual run to forget.
-SLOWEST_SPANS = 0.5
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class TimeBase:
     """When the samples were taken: what noise has its colour on.
@@ -118,19 +114,7 @@ class TimeBase:
     @property
     def span_s(self) -> float:
         """Duration of the longest run, s."""
-        return max(self._spans_s())
-
-    @property
-    def slowest_s(self) -> float:
-        """Longest correlation time of a drift that begins anew with every run, s.
-
-        One slower than half the usual run is hardly told from offsets and relaxations of the runs,
-        which are effects with names.
-        """
-        return SLOWEST_SPANS * float(np.median(self._spans_s()))
-
-    def _spans_s(self) -> list[float]:
-        return [float(np.ptp(self.time_s[self.run == r])) for r in np.unique(self.run)]
+        return max(float(np.ptp(self.time_s[self.run == r])) for r in np.unique(self.run))
 
     def take(self, rows: IntArray) -> "TimeBase":
         """Return some samples; runs keep their numbers."""
@@ -206,6 +190,9 @@ class Whitener:
         return _innovations(self._keep, self._gain, self._root, data, colour)
 
 
+# A process slower than this share of the longest run is hardly told from offsets and relaxations
+# of the runs, which are effects with names.
+SLOWEST_SPANS = 0.5
 # A walk is a process this many times slower than the longest run, begun from zero.
 WALK_SPANS = 50.0
 FLICKER_POLES = 5
@@ -227,11 +214,6 @@ def walking(ratio2: float, base: TimeBase, *, continued: bool) -> NoiseShape:
 
 
 def flicker(ratio2: float, base: TimeBase) -> NoiseShape:
-    """Return white noise with flicker noise; `ratio2` is the variance of each of its poles.
-
-    It goes on through the rests: poles slower than a run that began anew with each would be an
-    offset of every run, which is an effect with a name.
-    """
+    """Return white noise with flicker noise; `ratio2` is the variance of each of its poles."""
     taus = np.geomspace(base.step_s, 10.0 * base.span_s, FLICKER_POLES)
-    poles = (ratio2,) * FLICKER_POLES, tuple(taus.tolist())
-    return NoiseShape("flicker", *poles, continued=True)
+    return NoiseShape("flicker", (ratio2,) * FLICKER_POLES, tuple(taus.tolist()))

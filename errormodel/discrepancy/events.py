@@ -14,6 +14,7 @@ import numpy as np
 
 from errormodel.arrays import FloatArray
 from errormodel.discrepancy.coloured import (
+    SLOWEST_SPANS,
     NoiseShape,
     TimeBase,
     drifting,
@@ -76,7 +77,7 @@ def shapes_allowed(problem: Problem, floor: NoiseFloor) -> tuple[NoiseShape, ...
 
 def noise_menu(times: TimeBase, powers: Sequence[float], taus: int) -> tuple[NoiseShape, ...]:
     """Return noise shapes of every kind: white, and slow parts of these powers."""
-    between = np.geomspace(5.0 * times.step_s, times.slowest_s, taus).tolist()
+    between = np.geomspace(5.0 * times.step_s, SLOWEST_SPANS * times.span_s, taus).tolist()
     return (
         NoiseShape(),
         *(drifting(r, t) for r in powers for t in between),

@@ -13,6 +13,7 @@ from scipy import linalg, optimize
 
 from errormodel.arrays import FloatArray
 from errormodel.discrepancy.coloured import (
+    SLOWEST_SPANS,
     NoiseShape,
     TimeBase,
     drifting,
@@ -139,7 +140,7 @@ def estimate_floor(times: TimeBase, residual: FloatArray, saturated: FloatArray)
 def _search_drift(like: Callable[[NoiseShape], float], times: TimeBase) -> None:
     """Try slow processes: a coarse grid, then finer ones about the best."""
     lo = np.array([np.log(0.03), np.log(1.5 * times.step_s)])
-    hi = np.array([np.log(1e4), np.log(times.slowest_s)])
+    hi = np.array([np.log(1e4), np.log(SLOWEST_SPANS * times.span_s)])
 
     def at(point: FloatArray) -> float:
         return like(drifting(float(np.exp(point[0])), float(np.exp(point[1]))))

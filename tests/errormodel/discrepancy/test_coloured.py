@@ -51,15 +51,3 @@ def test_colouring_undoes_whitening(name: str) -> None:
 def test_a_walk_from_zero_counts_with_what_it_moves_within_a_run() -> None:
     # a walk of variance q·t has the mean square q·T/2 over a run of T; its `ratio2` is q·T
     assert_allclose(walking(9.0, BASE, continued=False).slow_share(BASE.span_s), 4.5, rtol=0.02)
-
-
-def test_no_noise_is_an_offset_of_every_run() -> None:
-    """Else a turn-on offset would have a noise that does the same."""
-    assert flicker(0.7, BASE).continued
-    # one run of ten hours beside three of two: what they forget counts, not what it does
-    hours = np.repeat([10.0, 2.0, 2.0, 2.0], 60)
-    time_s = np.concatenate([np.linspace(0.0, 3600.0 * h, 60) for h in (10.0, 2.0, 2.0, 2.0)])
-    run = np.repeat(np.arange(4), 60)
-    uneven = TimeBase(time_s, run, np.ones_like(hours), np.cumsum(hours))
-    assert uneven.span_s == 36000.0
-    assert uneven.slowest_s == 3600.0
