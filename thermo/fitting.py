@@ -13,6 +13,7 @@ from errormodel.errors import InputError, NotSeparableError
 from errormodel.files import read_toml
 from errormodel.fit import ModelFit, fit
 from errormodel.model import ErrorModel
+from thermo.head_errors import with_head_accuracy
 from thermo.inputs import Channel, channel_of
 from thermo.recording import RecordedRuns
 from thermo.residuals import ResidualSummary, summarise
@@ -23,7 +24,8 @@ from thermo.terms import LIBRARY, term
 class TermsFile(BaseModel):
     """TERMS.toml: the terms to fit, in place of those that the data choose.
 
-    `start` holds start values of nonlinear parameters, in their own units.
+    `start` holds start values of nonlinear parameters, in their own units; `head_arcsec` is what
+    the indexing head's angle may be wrong by, 1 sigma, and goes into the covariance.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -31,6 +33,7 @@ class TermsFile(BaseModel):
     terms: Annotated[tuple[str, ...], Field(min_length=1)] | None = None
     t_ref_c: Annotated[float, Field(ge=-200, le=400, allow_inf_nan=False)] = 25.0
     start: dict[str, Annotated[float, Field(allow_inf_nan=False)]] = {}
+    head_arcsec: Annotated[float, Field(ge=0, le=3600, allow_inf_nan=False)] = 0.0
 
     @field_validator("terms")
     @classmethod
@@ -95,6 +98,8 @@ class AccelerometerFit:
         The runs asked to be held out; empty when each was left out in turn.
     digests : mapping
         Run id → digest of every run used.
+    head_arcsec : float
+        The head's accuracy that the covariance allows for, ″.
     """
 
     channel: Channel
@@ -110,6 +115,7 @@ class AccelerometerFit:
     heldout: ResidualSummary | None
     heldout_runs: tuple[str, ...]
     digests: Mapping[str, str]
+    head_arcsec: float = 0.0
 
     @property
     def serial(self) -> str:
@@ -169,11 +175,13 @@ def _fit_one(
     given = terms.model()
     selection = None if given else select_model(channel)
     model = given or (selection.model if selection else ErrorModel(()))
-    _check_inputs(model, channel, runs.source)
+    _check_inputs(terms, model, channel, runs.source)
     result = _fit_channel(model, channel, terms.start)
     residual_ug, raw_ug = _residual_ug(result, channel), _constants_only_ug(channel)
     heldout = _held_out(model, result, everything, holdout)
     rate = channel.record["rate_c_per_min"]
+    if terms.head_arcsec:
+        result = with_head_accuracy(result, channel.record, terms.head_arcsec)
     return AccelerometerFit(
         channel=channel,
         fit=result,
@@ -188,13 +196,17 @@ def _fit_one(
         heldout=heldout,
         heldout_runs=tuple(r for r in everything.run_ids if r in holdout),
         digests={r: digests[r] for r in kept},
+        head_arcsec=terms.head_arcsec,
     )
 
 
-def _check_inputs(model: ErrorModel, channel: Channel, source: str) -> None:
-    """Refuse terms that need an input the recording does not give, in words."""
+def _check_inputs(terms: TermsFile, model: ErrorModel, channel: Channel, source: str) -> None:
+    """Refuse what needs an input the recording does not give, in words."""
     if channel.has_input:
         return
+    if terms.head_arcsec:
+        what = "head_arcsec needs the head's angle; give position_deg"
+        raise InputError(source, f"serial {channel.serial}", what)
     needy = [
         t.name
         for t in model.terms

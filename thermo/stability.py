@@ -148,7 +148,8 @@ def judge_stability(
     _check_runs(runs)
     wanted, asked = terms or TermsFile(), limits or LimitsFile()
     temperatures = tuple(at_c) or (wanted.t_ref_c,)
-    wanted = wanted.model_copy(update={"t_ref_c": temperatures[0]})
+    # the head's errors are the same in every run: no part of what one run differs from another by
+    wanted = wanted.model_copy(update={"t_ref_c": temperatures[0], "head_arcsec": 0.0})
     order, by_time = _order(runs)
     between = intervals(order, asked.between, runs.run_start_utc, _spans_s(runs))
     batch = tuple(

@@ -73,6 +73,7 @@ def _accelerometer(one: AccelerometerFit) -> dict[str, Any]:
         "by_direction": _groups(summary.by_direction),
         "by_position": _groups(summary.by_position),
         "heldout_by_run": _groups(heldout.by_run) if heldout else [],
+        "head_arcsec": one.head_arcsec,
         "condition": one.fit.condition,
         "source_runs": dict(one.digests),
     }
@@ -159,7 +160,9 @@ def sentences(one: AccelerometerFit) -> Iterator[str]:
         if noise.drift
         else ", no drift to be seen"
     )
-    yield f"noise {number(1e6 * noise.white, 3)} µg a reading{drift}; the sigmas allow for both"
+    head = f", and for a head wrong by {number(one.head_arcsec)}″" if one.head_arcsec else ""
+    white = number(1e6 * noise.white, 3)
+    yield f"noise {white} µg a reading{drift}; the sigmas allow for both{head}"
     lo, hi = one.valid_c
     yield f"valid from {number(lo)} to {number(hi)} °C; reference temperature {one.t_ref_c:g} °C"
 
