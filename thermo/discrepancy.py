@@ -32,6 +32,7 @@ from thermo.inputs import Channel, channel_of
 from thermo.recording import RecordedRuns
 from thermo.selection import equation, mounted, separable_names
 
+RULES = Rules(pairs=True)
 DRAWS = 300
 # A slow part larger than this many times the white noise of a reading is no instrument's drift.
 MOST_DRIFT = 3.0
@@ -148,7 +149,7 @@ def find_discrepancy(
     for channel in channels:
         baseline = mounted(given.model() or default_baseline(channel), channel)
         source = ThermalSource(channel, baseline, effects)
-        work = _Work(source, given.t_ref_c, rules or Rules(), draws, seed, workers, say)
+        work = _Work(source, given.t_ref_c, rules or RULES, draws, seed, workers, say)
         made.append(work.run())
     return tuple(made)
 

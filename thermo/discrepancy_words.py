@@ -53,7 +53,9 @@ def parameter_values(
 ) -> dict[str, ParameterValue]:
     """Return every unknown of a fitted model with its sigma under the noise, as reported."""
     covariance = _covariance(fitted, source, floor)
-    sigmas = dict(zip(fitted.free, np.sqrt(np.diag(covariance)).tolist(), strict=True))
+    # what two columns share beyond rounding has no sigma
+    variances = np.where(np.diag(covariance) > 0.0, np.diag(covariance), np.nan)
+    sigmas = dict(zip(fitted.free, np.sqrt(variances).tolist(), strict=True))
     units = _units(fitted.model, source.channel.nominal_scale, source.channel.output_unit)
     return {
         name: ParameterValue(

@@ -142,6 +142,13 @@ def _lag(at: Context) -> Sequence[Form]:
     ]
 
 
+def _rate_bias(at: Context) -> Sequence[Form]:
+    plain = ("temperature_rate_bias",)
+    if at.term_names & {"temperature_rate_bias"}:
+        return []
+    return [Form(terms=plain), Form(terms=(*plain, "temperature_rate_bias_slope"))]
+
+
 def _relaxing(
     name: str, parameter: str, range_of: Callable[[Context], tuple[float, float]]
 ) -> Callable[[Context], Sequence[Form]]:
@@ -198,7 +205,7 @@ EFFECTS: tuple[ThermalEffect, ...] = (
     ThermalEffect(
         name="temperature_rate_bias",
         sentence="The bias follows the rate of temperature, {size}.",
-        forms=_plain("temperature_rate_bias"),
+        forms=_rate_bias,
         experiment="two ramp rates over the same temperatures: it is proportional to the rate and "
         "gone in a hold at once",
     ),

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
@@ -27,12 +28,12 @@ DWELL_READINGS = 6
 # four positions only, at which that error is zero, it takes the second.
 TURNED_DEG = (45.0, 90.0)
 # A lag of τ behind a bias of slope b is −b·τ·dT/dt + b·τ²·d²T/dt² − …: a rate term in every steady
-# ramp. What differs is that b changes with temperature, which fast ramps over the whole range show
-# again and again, and the second derivative, which lives where ramps turn. A chamber and a case
-# of some 75 s each pass ω²·|H(ω)| best at reversals every 4 to 8 minutes; the longer ones
-# leave the rate, a slope over two minutes, right to 2 %.
+# ramp. That b changes with temperature tells little, since a rate term may change with temperature
+# as well. What tells is the second derivative, which lives where ramps turn. A chamber and a case
+# of some 75 s each pass ω²·|H(ω)| best at reversals every 4 to 8 minutes; the longer ones leave the
+# rate, a slope over two minutes, right to 2 %.
 FAST_CYCLES = (8, 32)
-REVERSAL_C, REVERSALS = 22.0, 192
+REVERSAL_C, REVERSALS = 22.0, (192, 384)
 QUICK_PERIOD_S = 2.0
 SOAK_MIN = 30.0
 # What a bench chamber does without effort, °C and °C/min.
@@ -94,12 +95,12 @@ def menu(channel: Channel) -> Iterator[Item]:
             text=f"{count} times up and down at {FASTEST:g} °C/min without a hold",
             sequence=_sequence(channel, "fast cycles", lo, ramps, 1, 0.0),
         )
-    for centre in (lo + 0.5 * REVERSAL_C, hi - 0.5 * REVERSAL_C):
+    for count, centre in product(REVERSALS, (lo + 0.5 * REVERSAL_C, hi - 0.5 * REVERSAL_C)):
         yield Item(
-            text=f"{REVERSALS} reversals between {centre - 0.5 * REVERSAL_C:.0f} and "
+            text=f"{count} reversals between {centre - 0.5 * REVERSAL_C:.0f} and "
             f"{centre + 0.5 * REVERSAL_C:.0f} °C at {FASTEST:g} °C/min, read every "
             f"{QUICK_PERIOD_S:g} s at one position",
-            sequence=_reversals(channel, centre),
+            sequence=_reversals(channel, centre, count),
         )
     inner = [
         *(_ramp(middle, rate), _ramp(quarter, rate), _ramp(hi, rate), _hold(SOAK_MIN)),
@@ -135,12 +136,10 @@ def _hold(minutes: float) -> Hold:
     return Hold(kind="hold", duration_min=minutes)
 
 
-def _reversals(channel: Channel, centre_c: float) -> Sequence:
+def _reversals(channel: Channel, centre_c: float, count: int) -> Sequence:
     """Return ramps that turn back again and again, read fast at one position."""
     low, high = centre_c - 0.5 * REVERSAL_C, centre_c + 0.5 * REVERSAL_C
-    ramps: list[Segment] = [
-        _ramp(to_c, FASTEST) for _ in range(REVERSALS // 2) for to_c in (high, low)
-    ]
+    ramps: list[Segment] = [_ramp(to_c, FASTEST) for _ in range(count // 2) for to_c in (high, low)]
     usual = _sequence(channel, "quick reversals", low, ramps, 1, 0.0, angles_deg=(0.0,))
     sampling = Sampling(period_s=QUICK_PERIOD_S, settle_s=0.5)
     return usual.model_copy(update={"sampling": sampling})

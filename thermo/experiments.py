@@ -230,12 +230,16 @@ class _Experiments:
         return View(part.outline(shape), shape, self.floor.sigma / float(np.sqrt(more)))
 
     def _distance(self, channel: Channel, name: str, rivals: Many[str]) -> float:
-        """Return how far the nearest rival stays from an effect that was simulated."""
+        """Return how far the nearest rival stays from an effect that was simulated.
+
+        The most supple member of a rival's family counts, as in the search.
+        """
         view = self._view(channel)
-        wanted = [c for c in view.problem.candidates if c.name in (name, *rivals)]
-        gains = {f.candidate.name: f.gain for f in Prepared(view, wanted).scan()}
-        nearest = max((gains[n] for n in rivals if n in gains), default=0.0)
-        return float(np.sqrt(max(gains.get(name, 0.0) - nearest, 0.0)))
+        every = {c.name: c for c in view.problem.candidates}
+        against = [m for n in rivals if n in every for m in (every[n], every[n].richer) if m]
+        nearest = max((f.gain for f in Prepared(view, against).scan()), default=0.0)
+        own = [f.gain for f in Prepared(view, [every[name]]).scan()] if name in every else [0.0]
+        return float(np.sqrt(max(own[0] - nearest, 0.0)))
 
     def _apart(self, channel: Channel, names: Many[str]) -> dict[str, float]:
         """Return the effects that the runs show, and what share of each no other imitates."""

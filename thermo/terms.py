@@ -195,6 +195,20 @@ def temperature_rate_bias() -> Term:
     )
 
 
+def temperature_rate_bias_slope() -> Term:
+    """Return the change with temperature of a bias proportional to the rate of temperature."""
+    return _one(
+        "temperature_rate_bias_slope",
+        "br1",
+        "µg/(°C/min)/°C",
+        "Heat flowing through the accelerometer gives a bias that changes with temperature, as "
+        "conduction and expansion do.",
+        "input",
+        lambda r: r["rate_c_per_min"] * r["x_c"],
+        ("rate_c_per_min", "x_c"),
+    )
+
+
 def temperature_rate_scale() -> Term:
     """Return a scale-factor change proportional to the rate of temperature."""
     return _one(
@@ -315,6 +329,7 @@ LIBRARY: dict[str, Callable[[], Effect]] = {
     **{f"k1_t{k}": (lambda k=k: scale_order(k)) for k in range(1, MAX_ORDER + 1)},
     **{t.name: (lambda t=t: t) for t in _STATIC},
     "temperature_rate_bias": temperature_rate_bias,
+    "temperature_rate_bias_slope": temperature_rate_bias_slope,
     "temperature_rate_scale": temperature_rate_scale,
     "bias_hysteresis": bias_hysteresis,
     "scale_hysteresis": scale_hysteresis,

@@ -43,6 +43,12 @@ class Rules:
         imitates, is told as the shape of that one and not by a name of its own.
     most : int
         Effects named at most.
+    over_wander : float
+        Twice the log of how much likelier the events named must be than a smooth wander in their
+        place: ten times.
+    pairs : bool
+        Whether two effects at once are tried before one is named: where many follow the same
+        input, as over temperature, two may half cancel.
     """
 
     alpha: float = 0.002
@@ -56,6 +62,8 @@ class Rules:
     supple: float = 9.0
     relative: float = 0.15
     most: int = 3
+    over_wander: float = 4.6
+    pairs: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,6 +146,8 @@ class SearchResult:
         The noise the last steps were judged by.
     explained : float
         Chi-square that the effects explain together.
+    over_wander : float
+        Twice the log-likelihood of the events chosen, less that of a smooth wander in their place.
     first : tuple of Found
         Every candidate on the residual of the present model.
     """
@@ -145,4 +155,5 @@ class SearchResult:
     slots: tuple[Slot, ...]
     floor: NoiseFloor
     explained: float
+    over_wander: float = float("inf")
     first: tuple[Found, ...] = field(default=())

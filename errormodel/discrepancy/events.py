@@ -7,6 +7,7 @@ them cannot be told from a random walk, and that is true.
 """
 
 from collections.abc import Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
 
 import numpy as np
@@ -56,12 +57,14 @@ def shapes_allowed(problem: Problem, floor: NoiseFloor) -> tuple[NoiseShape, ...
     steady = independent(problem.saturated)
     rest = problem.residual - steady @ (steady.T @ problem.residual)
     passing = _with_base(problem, problem.base, rest)
-    probes = _menu(problem.times, POWERS_TO_PLACE, 2)
+    probes = noise_menu(problem.times, POWERS_TO_PLACE, 2)
     columns: list[FloatArray] = [np.zeros((len(problem.times), 0))]
     for candidate in events_of(problem):
         columns.append(columns_of(candidate.signature(placed(passing, probes, candidate).theta)))
     judge = Restricted(problem.times, problem.saturated)
-    menu = tuple(dict.fromkeys((*(s for _, s in floor.support), *_menu(problem.times, POWERS, 4))))
+    menu = tuple(
+        dict.fromkeys((*(s for _, s in floor.support), *noise_menu(problem.times, POWERS, 4)))
+    )
     beside = np.array(
         [judge.beside(s, problem.residual, columns) - PENALTY[s.family] for s in menu]
     )
@@ -72,7 +75,7 @@ def shapes_allowed(problem: Problem, floor: NoiseFloor) -> tuple[NoiseShape, ...
     return tuple(dict.fromkeys(kept))
 
 
-def _menu(times: TimeBase, powers: Sequence[float], taus: int) -> tuple[NoiseShape, ...]:
+def noise_menu(times: TimeBase, powers: Sequence[float], taus: int) -> tuple[NoiseShape, ...]:
     """Return noise shapes of every kind: white, and slow parts of these powers."""
     between = np.geomspace(5.0 * times.step_s, SLOWEST_SPANS * times.span_s, taus).tolist()
     return (
@@ -155,6 +158,7 @@ def event_ratios(
     shapes: Sequence[NoiseShape],
     residuals: FloatArray,
     candidates: Sequence[Candidate] | None = None,
+    pool: Executor | None = None,
 ) -> FloatArray:
     """Return twice the log-likelihood ratio of each candidate, shape (candidates, D).
 
@@ -169,19 +173,24 @@ def event_ratios(
     residuals : ndarray, shape (n, D)
     candidates : sequence of Candidate, optional
         By default the events.
+    pool : Executor, optional
+        Threads, each with a noise shape of its own.
     """
     events = events_of(problem) if candidates is None else tuple(candidates)
     judge = Restricted(problem.times, problem.base)
     beside = _with_base(problem, judge.mean, problem.residual)
-    without = np.full(residuals.shape[1], -np.inf)
-    with_effect = np.full((len(events), residuals.shape[1]), -np.inf)
-    for shape in shapes:
-        likelihood, sigma = judge.evaluate(shape, residuals)
-        likelihood = likelihood - PENALTY[shape.family]
+
+    def likelihoods(shape: NoiseShape) -> tuple[FloatArray, FloatArray]:
+        plain, sigma = judge.evaluate(shape, residuals)
+        plain = plain - PENALTY[shape.family]
         view = View(beside, shape, 1.0)
         gains = Prepared(view, events).null_gains(view.white(residuals))
         share = np.clip(gains / (sigma**2 * judge.dof), 0.0, 1.0 - 1e-12)
-        without = np.maximum(without, likelihood)
-        improved = likelihood - 0.5 * judge.dof * np.log1p(-share)
+        return plain, plain - 0.5 * judge.dof * np.log1p(-share)
+
+    without = np.full(residuals.shape[1], -np.inf)
+    with_effect = np.full((len(events), residuals.shape[1]), -np.inf)
+    for plain, improved in (pool.map if pool else map)(likelihoods, shapes):
+        without = np.maximum(without, plain)
         with_effect = np.maximum(with_effect, improved)
     return 2.0 * np.maximum(with_effect - without, 0.0)

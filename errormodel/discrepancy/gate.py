@@ -7,8 +7,8 @@ import numpy as np
 
 from errormodel.discrepancy.choices import Rules, SearchResult
 from errormodel.discrepancy.nulls import Calibration
+from errormodel.discrepancy.ranking import residual_of
 from errormodel.discrepancy.scan import View
-from errormodel.discrepancy.search import residual_of
 
 Verdict = Literal["named", "alias", "unexplained_repeatable", "unexplained_noise", "nothing"]
 # What one resolved direction of a factor costs when factors are compared (ln of some 20 samples).
@@ -112,7 +112,9 @@ def judge(
     spikes = bursts(view)
     left = max((f.excess for f in repeating), default=0.0)
     share = result.explained / (result.explained + left) if result.explained else 0.0
-    loud, restless = bool(repeating), bool(passing) or spikes > BURSTS
+    loud = bool(repeating)
+    wanders = result.over_wander < rules.over_wander
+    restless = bool(passing) or spikes > BURSTS or wanders
     loud_noise = restless or too_much_drift
     events = result.slots and all(_is_event(view, s.choice.name) for s in result.slots)
     verdict: Verdict = "nothing"

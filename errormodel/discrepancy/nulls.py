@@ -7,7 +7,7 @@ than a hundred: the further out, the more nearly the tail is one. The smallest p
 library has a law of its own, from the same draws.
 """
 
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,9 +22,7 @@ from errormodel.discrepancy.scan import Prepared, View
 
 TAIL_SHARE = 0.2
 TAIL_MOST = 100  # draws: an exponential's scale is then known to a tenth
-# Draws that are worked on together: few where each has its own noise estimated, more where it is
-# known and a part's work is mostly to make the candidates ready.
-PART, PART_OF_KNOWN = 50, 250
+PART = 250  # draws that are worked on together, for the memory they take
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -129,8 +127,7 @@ def calibrate(
     draws : int
     rng : numpy.random.Generator
     workers : int
-        Threads; the arithmetic releases the interpreter. The draws are made and cut into parts in
-        the same way whatever their number, so that the laws do not depend on it.
+        Threads, each with a noise shape of its own; the laws do not depend on their number.
 
     Returns
     -------
@@ -140,38 +137,40 @@ def calibrate(
     for candidate in problem.candidates:
         candidate.prepared()  # once, before the threads would each do it
     shapes_of_events = _shapes_of_events(problem, floor)
-    size = PART if problem.noise is None else PART_OF_KNOWN
-    parts: list[FloatArray] = [noise[:, k : k + size] for k in range(0, draws, size)]
-
-    def values(own: FloatArray) -> tuple[FloatArray, FloatArray]:
-        return _null_values(problem, floor, own, shapes_of_events)
-
     with ThreadPoolExecutor(workers) as pool:
-        done = list(pool.map(values, parts))
-    gains, factors = np.hstack([d[0] for d in done]), np.hstack([d[1] for d in done])
+        gains, factors = _null_values(problem, floor, noise, pool)
+        if shapes_of_events:  # an event counts with its likelihood ratio
+            rows = [k for k, c in enumerate(problem.candidates) if c.event]
+            gains[rows] = event_ratios(problem, shapes_of_events, noise, pool=pool)
     return _laws(problem, gains, factors, shapes_of_events)
 
 
 def _null_values(
-    problem: Problem, floor: NoiseFloor, noise: FloatArray, shapes_of_events: tuple[NoiseShape, ...]
+    problem: Problem, floor: NoiseFloor, noise: FloatArray, pool: Executor
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the gains of candidates and of factors, one column a draw."""
+    """Return the gains of candidates and of factors, one column a draw.
+
+    The candidates are made ready once for each noise shape, for all draws that are judged by it:
+    that is what takes the time.
+    """
     draws = int(noise.shape[1])
     shapes, sigmas = _estimated(problem, floor, noise)
     gains = np.empty((len(problem.candidates), draws))
     factors = np.empty((len(problem.factors), draws))
-    for shape in dict.fromkeys(shapes):
+
+    def judge_by(shape: NoiseShape) -> None:
         mine = np.flatnonzero([s == shape for s in shapes])
         view = View(problem, shape, 1.0)
-        data = view.white(noise[:, mine]) / sigmas[mine]
         # a lag's own offset is in units of the residual; the draws are in those of its sigma
-        scaled = View(problem, shape, floor.sigma)
-        gains[:, mine] = Prepared(scaled, problem.candidates).null_gains(data)
-        for k, factor in enumerate(problem.factors):
-            factors[k, mine] = view.factor_gains(factor, data)
-    if shapes_of_events:  # an event counts with its likelihood ratio
-        rows = [k for k, c in enumerate(problem.candidates) if c.event]
-        gains[rows] = event_ratios(problem, shapes_of_events, noise)
+        prepared = Prepared(View(problem, shape, floor.sigma), problem.candidates)
+        for first in range(0, mine.size, PART):
+            part = mine[first : first + PART]
+            data = view.white(noise[:, part]) / sigmas[part]
+            gains[:, part] = prepared.null_gains(data)
+            for k, factor in enumerate(problem.factors):
+                factors[k, part] = view.factor_gains(factor, data)
+
+    list(pool.map(judge_by, dict.fromkeys(shapes)))
     return gains, factors
 
 

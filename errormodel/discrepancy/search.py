@@ -1,36 +1,27 @@
 """The search: one effect after another, each slot tried again once the others are known."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
-from errormodel.arrays import FloatArray
+import numpy as np
+
 from errormodel.discrepancy.choices import Choice, Rules, SearchResult, Slot, Source
 from errormodel.discrepancy.coloured import NoiseShape
 from errormodel.discrepancy.events import event_ratios, events_of, fixed, placed
 from errormodel.discrepancy.floor import NoiseFloor, estimate_floor
 from errormodel.discrepancy.nulls import Calibration
-from errormodel.discrepancy.problem import Candidate, Problem, Signature
+from errormodel.discrepancy.pairs import best_pair
+from errormodel.discrepancy.problem import Problem
+from errormodel.discrepancy.ranking import (
+    Ranked,
+    chi_square,
+    gain_of,
+    lasting,
+    simplest_first,
+    unknowns_of,
+)
 from errormodel.discrepancy.scan import Found, Prepared, View
-
-
-def chi_square(view: View) -> float:
-    """Return the whitened sum of squares that the baseline leaves."""
-    rest = view.beside_base(view.data[:, None])[:, 0]
-    return float(rest @ rest)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Ranked:
-    """A candidate at its best.
-
-    `score` is its gain beyond its mean under the null: what an effect with more unknowns gains by
-    luck does not count for it. `p_value` is over the whole library.
-    """
-
-    found: Found
-    score: float
-    p_value: float
-
+from errormodel.discrepancy.wander import over_wander
 
 # Simulates the null laws anew once the noise has been estimated beside an event.
 Recalibrate = Callable[[Problem, NoiseFloor], Calibration]
@@ -51,6 +42,7 @@ class Search:
         self.rules = rules or Rules()
         self._again = again
         self._entered: dict[str, float] = {}
+        self._instead: dict[str, tuple[str, ...]] = {}  # two effects that explain more than one
         self._shapes: tuple[NoiseShape, ...] = laws.shapes
 
     def view(self, chosen: Sequence[Choice]) -> View:
@@ -72,13 +64,15 @@ class Search:
             if not ranked or not self._enters(ranked[0]):
                 break
             best = ranked[0].found
-            if chosen and self._is_shape(ranked[0], view):
+            if chosen and not self._adds(ranked[0], view, chosen):
                 break
             self._entered[best.candidate.name] = ranked[0].p_value
             chosen.append(Choice(best.candidate.name, best.theta))
             chosen = self._made_supple(chosen)
             if best.candidate.event:
                 self._renew_floor(chosen)
+            elif len(chosen) == 1 and self.rules.pairs and self.rules.most > 1:
+                chosen = self._or_two(view, chosen)
         return chosen, first
 
     def run(self) -> SearchResult:
@@ -92,7 +86,25 @@ class Search:
         if slots:
             before, after = self.view([]), self.view([s.choice for s in slots])
             explained = chi_square(before) - chi_square(after)
-        return SearchResult(slots=slots, floor=self.floor, explained=explained, first=first)
+        return SearchResult(
+            slots=slots,
+            floor=self.floor,
+            explained=explained,
+            over_wander=self._over_wander([s.choice for s in slots]),
+            first=first,
+        )
+
+    def _over_wander(self, chosen: Sequence[Choice]) -> float:
+        """Return how much likelier the events chosen are than a smooth wander in their place."""
+        passing = self.view([]).problem.events
+        view = self.view([c for c in chosen if c.name not in passing])
+        events = [c for c in chosen if c.name in passing]
+        if not events or not self._shapes:
+            return float("inf")
+        by_name = {c.name: c for c in view.problem.candidates}
+        columns = np.hstack([by_name[c.name].signature(c.theta).columns for c in events])
+        unknowns = columns.shape[1] + sum(len(c.theta) for c in events)
+        return over_wander(view.problem, self._shapes, columns, unknowns)
 
     def ranked(self, view: View) -> list[Ranked]:
         """Return every candidate at its best, under the present noise, best first."""
@@ -118,8 +130,8 @@ class Search:
         What repeats can then be tested by a second run; a step that happened beside it cannot, and
         a step of free instant imitates a loop that turns back but once.
         """
-        lasting = _lasting(view, ranked)
-        return lasting if any(self._enters(r) for r in lasting) else ranked
+        staying = lasting(view, ranked)
+        return staying if any(self._enters(r) for r in staying) else ranked
 
     def _events(self, view: View) -> list[Ranked]:
         """Return the events where they are likeliest."""
@@ -165,10 +177,22 @@ class Search:
     def _p_value(self, name: str, gain: float) -> float:
         return self.laws.p_family(name, gain)
 
+    def _adds(self, one: Ranked, view: View, chosen: Sequence[Choice]) -> bool:
+        """Tell whether a further effect is more than the ill-known shape of those before it.
+
+        What one event leaves of a random walk looks like another: a second event must be as clear
+        as a second effect that repeats. Beside what repeats, an event is judged as the first is,
+        unless the rules ask for more.
+        """
+        candidate, events = one.found.candidate, view.problem.events
+        if candidate.name in events and any(c.name in events for c in chosen):
+            return one.score >= self.rules.further
+        if candidate.event:
+            return one.score >= self.rules.further_event
+        return not self._is_shape(one, view)
+
     def _is_shape(self, one: Ranked, view: View) -> bool:
         """Tell whether an effect is only the ill-known shape of those named before it."""
-        if one.found.candidate.event:
-            return one.score < self.rules.further_event
         if one.score < self.rules.further:
             return True
         plain = self.view([])
@@ -187,9 +211,31 @@ class Search:
             return chosen
         plain = Prepared(view, [head]).scan()[0]
         rich = Prepared(view, [head.richer]).scan()[0]
-        more = _unknowns(head.richer) - _unknowns(head)
+        more = unknowns_of(head.richer) - unknowns_of(head)
         if rich.gain - plain.gain > self.rules.supple + 2.0 * more:
             return [*chosen[:-1], Choice(last.name, rich.theta, rich=True)]
+        return chosen
+
+    def _or_two(self, view: View, chosen: list[Choice]) -> list[Choice]:
+        """Return two effects instead of the first where they explain clearly more than it.
+
+        Where they explain more, but not enough for a second name, the first is no bare name.
+        """
+        steady = [c for c in view.problem.candidates if not c.event]
+        pair = best_pair(view, steady)
+        if pair is None:
+            return chosen
+        both = self._made_supple(self._made_supple(list(pair))[::-1])[::-1]
+        more = chi_square(self.view(chosen)) - chi_square(self.view(both))
+        beside = self.view(both[:1])
+        second = next(c for c in beside.problem.candidates if c.name == both[1].name)
+        found = Prepared(beside, [second]).scan()[0]
+        own = Ranked(found, found.gain - self._luck(second.name), 0.0)
+        if more > self.rules.further and not self._is_shape(own, beside):
+            return both
+        names = tuple(c.name for c in both)
+        if more > self.rules.least and chosen[0].name not in names:
+            self._instead[chosen[0].name] = names
         return chosen
 
     def _renew_floor(self, chosen: Sequence[Choice]) -> None:
@@ -234,13 +280,13 @@ class Search:
             ranked = [*self._events(view), *self._beside_own_noise(view, steady)]
             ranked = sorted(ranked, key=lambda r: -r.score)
             if present.name not in view.problem.events:
-                ranked = _lasting(view, ranked)
+                ranked = lasting(view, ranked)
             able = (r for r in ranked if r.found.candidate.event or r.p_value < self.rules.alpha)
             first = next(able)
             ranked = [first, *(r for r in ranked if r is not first)]
         else:
             ranked = self._with_rich(view, ranked, present)
-        ranked = _simplest_first(ranked)
+        ranked = simplest_first(ranked)
         best = ranked[0].found
         name = best.candidate.name
         # an event was judged when it entered; the noise has since been estimated beside it
@@ -255,67 +301,44 @@ class Search:
             return None
         top = max(r.score for r in ranked)
         below = [(r.found.candidate.name, top - r.score) for r in ranked]
+        alias = tuple(n for n, b in below if b < self.rules.alias)
+        if not others:
+            alias = tuple(dict.fromkeys((*alias, *self._instead.get(name, ()))))
         return Slot(
-            choice=Choice(name, best.theta, rich=present.rich and name == present.name),
-            gain=_gain(view, best) if best.candidate.event else best.gain,
+            choice=Choice(name, best.theta, rich=ranked[0].rich),
+            gain=gain_of(view, best) if best.candidate.event else best.gain,
             p_value=p_value,
             rivals=tuple(below[1:]),
-            alias=tuple(n for n, b in below if b < self.rules.alias),
+            alias=alias,
         )
 
     def _with_rich(self, view: View, ranked: list[Ranked], present: Choice) -> list[Ranked]:
-        """Let the richer member stand for its family where it was chosen."""
-        if not present.rich:
-            return ranked
-        made = [
-            self._richer(view, r) if r.found.candidate.name == present.name else r for r in ranked
-        ]
-        return sorted(made, key=lambda r: -r.score)
+        """Let the richer member stand for its family where it was chosen, and for every rival.
+
+        A rival is told from an effect only when the most supple member of its family is. One whose
+        plain member explains less than half as much is none.
+        """
+        near = 0.5 * max(r.score for r in ranked)
+
+        def supple(one: Ranked) -> Ranked:
+            if one.found.candidate.name == present.name:
+                return self._richer(view, one) if present.rich else one
+            rich = self._richer(view, one) if one.score > near else one
+            return rich if rich.score > one.score else one
+
+        return sorted(map(supple, ranked), key=lambda r: -r.score)
 
     def _richer(self, view: View, plain: Ranked) -> Ranked:
         candidate = plain.found.candidate
         if candidate.richer is None:
             return plain
         rich = Prepared(view, [candidate.richer]).scan()[0]
-        more = _unknowns(candidate.richer) - _unknowns(candidate)
+        more = unknowns_of(candidate.richer) - unknowns_of(candidate)
         found = Found(
             candidate=candidate,
             theta=rich.theta,
             gain=rich.gain,
             grid_gain=max(plain.found.grid_gain, rich.grid_gain),
         )
-        return Ranked(found, plain.score + rich.gain - plain.found.gain - 2.0 * more, plain.p_value)
-
-
-def _lasting(view: View, ranked: list[Ranked]) -> list[Ranked]:
-    """Return what may repeat, where one run is all there is and all are judged as events."""
-    if not all(c.event for c in view.problem.candidates):
-        return ranked
-    return [r for r in ranked if r.found.candidate.name not in view.problem.events]
-
-
-def _gain(view: View, one: Found) -> float:
-    """Return the chi-square that an effect explains under the view's noise."""
-    points = view.points([one.candidate.signature(one.theta)])
-    return float(view.gains(points, view.data[:, None])[0, 0])
-
-
-# Scores this close are a tie: the effect with fewer unknowns is put first.
-TIE = 2.0
-
-
-def _simplest_first(ranked: list[Ranked]) -> list[Ranked]:
-    """Put the effect with the fewest unknowns before those that are hardly better."""
-    tied = [r for r in ranked if ranked[0].score - r.score < TIE]
-    first = min(tied, key=lambda r: _unknowns(r.found.candidate))
-    return [first, *(r for r in ranked if r is not first)]
-
-
-def _unknowns(candidate: Candidate) -> int:
-    signature: Signature = candidate.prepared()[0]
-    return signature.columns.shape[1] + len(candidate.grid[0])
-
-
-def residual_of(view: View) -> FloatArray:
-    """Return the whitened residual beside the baseline."""
-    return view.beside_base(view.data[:, None])[:, 0]
+        score = plain.score + rich.gain - plain.found.gain - 2.0 * more
+        return Ranked(found, score, plain.p_value, rich=True)

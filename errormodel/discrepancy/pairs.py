@@ -1,0 +1,81 @@
+"""Two effects at once: what takes one from the other is seen only when both are tried together.
+
+Two effects that half cancel leave a residual that a third follows better than either of them does,
+and a search that adds one effect after another begins with the third.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from errormodel.arrays import FloatArray
+from errormodel.discrepancy.choices import Choice
+from errormodel.discrepancy.problem import Candidate, Signature, columns_of
+from errormodel.discrepancy.scan import View
+
+# Of an effect whose nonlinear parameter has many points, so many are tried; a refit does the rest.
+POINTS = 9
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Tried:
+    """An effect at one point of its grid: where its basis stands among all."""
+
+    choice: Choice
+    at: slice
+
+
+def best_pair(view: View, candidates: Sequence[Candidate]) -> tuple[Choice, Choice] | None:
+    """Return the two effects that explain most together, the one first that explains more alone.
+
+    An effect that changes an input counts by what it does at a point of its grid, of any size.
+
+    Parameters
+    ----------
+    view : View
+    candidates : sequence of Candidate
+
+    Returns
+    -------
+    tuple of Choice, or None where there are no two
+    """
+    tried, basis = _bases(view, candidates)
+    seen = basis.T @ view.data
+    gram = basis.T @ basis
+    best: tuple[float, _Tried, _Tried] | None = None
+    for one, other in combinations(tried, 2):
+        if one.choice.name == other.choice.name:
+            continue
+        rows = np.r_[one.at, other.at]
+        inner = gram[np.ix_(rows, rows)] + 1e-9 * np.eye(rows.size)
+        gain = float(seen[rows] @ np.linalg.solve(inner, seen[rows]))
+        if best is None or gain > best[0]:
+            best = gain, one, other
+    if best is None:
+        return None
+    ordered = sorted(best[1:], key=lambda t: -float(seen[t.at] @ seen[t.at]))
+    return ordered[0].choice, ordered[1].choice
+
+
+def _bases(view: View, candidates: Sequence[Candidate]) -> tuple[list[_Tried], FloatArray]:
+    """Return every effect at some points of its grid, with the orthonormal bases side by side."""
+    choices: list[Choice] = []
+    signatures: list[Signature] = []
+    for candidate in candidates:
+        every = max(1, round(len(candidate.grid) / POINTS))
+        for theta, signature in list(zip(candidate.grid, candidate.prepared(), strict=True))[
+            ::every
+        ]:
+            choices.append(Choice(candidate.name, theta))
+            signatures.append(Signature(columns=columns_of(signature)))
+    points = view.points(signatures)
+    ends = np.cumsum([p.basis.shape[1] for p in points]).tolist()
+    starts = [0, *ends[:-1]]
+    tried = [
+        _Tried(choice, slice(start, end))
+        for choice, start, end in zip(choices, starts, ends, strict=True)
+        if end > start
+    ]
+    return tried, np.hstack([np.zeros((view.data.size, 0)), *(p.basis for p in points)])

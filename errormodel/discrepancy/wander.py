@@ -1,0 +1,102 @@
+"""A smooth wander: the rival of every event whose shape is smooth.
+
+A relaxation, a drift, offsets of runs in a row: each follows a slow change of any other kind to
+some extent, and the noise shapes of the floor are all rough. So the names of events are held
+against an integrated random walk over the whole measurement, which goes on through the rests or
+stands still in them. Its Karhunen-Loève series are close to cosines whose sigmas fall with the
+square of their number; with their sizes random, their likelihood beside a rough noise is had in
+closed form from one small eigenvalue problem.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy import linalg
+
+from errormodel.arrays import FloatArray
+from errormodel.discrepancy.coloured import NoiseShape, TimeBase
+from errormodel.discrepancy.floor import PENALTY, Restricted
+from errormodel.discrepancy.problem import Problem, independent
+
+# Cosines over the measurement: the shortest has a period of a twentieth of it, and a sigma 1600
+# times less than the first.
+WAVES = 40
+# Variance of the first over the white one: from nothing to a thousand white sigmas.
+SIZES2 = np.geomspace(1e-6, 1e6, 49)
+
+
+def waves(at_s: FloatArray) -> FloatArray:
+    """Return the series of an integrated random walk, shape (n, WAVES), of sigma one at first."""
+    share = (at_s - at_s[0]) / max(float(np.ptp(at_s)), 1e-9)
+    number = np.arange(1, WAVES + 1)
+    return np.cos(np.pi * share[:, None] * number) / number**2
+
+
+def _without_rests(times: TimeBase) -> FloatArray:
+    """Return the time since the measurement began, s, the runs laid end to end."""
+    steps = np.diff(times.elapsed_s)
+    steps = np.where(np.diff(times.run) == 0, steps, times.step_s)
+    return np.concatenate([[0.0], np.cumsum(steps)])
+
+
+def over_wander(
+    problem: Problem, shapes: Sequence[NoiseShape], columns: FloatArray, unknowns: int
+) -> float:
+    """Return twice the log-likelihood of events less that of a wander in their place.
+
+    Each is taken beside the noise that suits it best, and pays for its unknowns (Akaike).
+
+    Parameters
+    ----------
+    problem : Problem
+        Of the model without the events.
+    shapes : sequence of NoiseShape
+    columns : ndarray, shape (n, k)
+        What the events add.
+    unknowns : int
+        Theirs, nonlinear ones too.
+    """
+    judge = Restricted(problem.times, problem.base)
+    series = [waves(at_s) for at_s in (problem.times.elapsed_s, _without_rests(problem.times))]
+    pairs = np.array([_pair(judge, s, problem.residual, columns, series) for s in shapes])
+    named, wandering = pairs.max(axis=0).tolist()
+    return 2.0 * (named - unknowns - wandering + 1.0)
+
+
+def _pair(
+    judge: Restricted,
+    shape: NoiseShape,
+    residual: FloatArray,
+    columns: FloatArray,
+    series: Sequence[FloatArray],
+) -> tuple[float, float]:
+    """Return the log-likelihoods with the columns in the mean, and with a wander of any size."""
+    whitener = shape.whitener(judge.times)
+    mean = whitener.whiten(judge.mean)
+    factor = linalg.cholesky(mean.T @ mean, lower=True, check_finite=False)
+    basis = linalg.solve_triangular(factor, mean.T, lower=True, check_finite=False).T
+
+    def beside(x: FloatArray) -> FloatArray:
+        white = whitener.whiten(x)
+        return white - basis @ (basis.T @ white)
+
+    rest = beside(residual)
+    total = float(rest @ rest)
+    log_det = whitener.log_det + 2.0 * float(np.sum(np.log(np.diag(factor))))
+    own = independent(beside(columns))
+    left = total - float(np.sum((own.T @ rest) ** 2))
+    named = log_det + judge.dof * np.log(left / judge.dof)
+    wandering = [_wandering(beside(one), rest, judge.dof) for one in series]
+    penalty = PENALTY[shape.family]
+    return -0.5 * named - penalty, -0.5 * (log_det + min(wandering)) - penalty
+
+
+def _wandering(series: FloatArray, rest: FloatArray, dof: int) -> float:
+    """Return −2 log-likelihood of a whitened residual with a wander of the likeliest size."""
+    values, vectors = np.linalg.eigh(series.T @ series)
+    values = np.maximum(values, 0.0)
+    seen2 = (vectors.T @ (series.T @ rest)) ** 2
+    sizes2 = SIZES2[:, None]
+    explained = np.sum(sizes2 * seen2 / (1.0 + sizes2 * values), axis=1)
+    spread = np.sum(np.log1p(sizes2 * values), axis=1)
+    return float(np.min(spread + dof * np.log((float(rest @ rest) - explained) / dof)))
