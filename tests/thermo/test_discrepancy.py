@@ -67,11 +67,15 @@ def test_the_squared_term_and_a_readout_with_two_gains_are_one_alias_set_at_four
     assert (d.experiment.d_after or 0.0) > 3.0
 
 
-def test_a_misalignment_is_named_where_positions_tell_it_from_the_head() -> None:
+def test_a_misalignment_and_a_heads_harmonics_are_one_alias_set_at_eight_positions() -> None:
+    """At multiples of 45° a head's second to fourth harmonics make cos θ: no size tells them."""
     d = found(1, {"cross": 4.0}, every_45=True)
-    assert (d.verdict, [e.name for e in d.effects]) == ("named", ["cross_axis"])
+    assert d.alias_sets == (("cross_axis", "indexer_harmonic"),)
     value = d.effects[0].parameters["delta_o"]
     assert abs(value.value - 4.0) < 4.0 * value.sigma
+    assert d.experiment is not None
+    assert set(d.experiment.separates) == {"cross_axis", "indexer_harmonic"}
+    assert (d.experiment.d_after or 0.0) > 5.0
 
 
 def test_a_step_is_found_and_not_predicted() -> None:
