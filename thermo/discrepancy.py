@@ -33,6 +33,7 @@ from thermo.recording import RecordedRuns
 from thermo.selection import equation, mounted, separable_names
 
 RULES = Rules(pairs=True)
+ORDERS = frozenset({"bias_temperature_order", "scale_temperature_order"})
 DRAWS = 300
 # A slow part larger than this many times the white noise of a reading is no instrument's drift.
 MOST_DRIFT = 3.0
@@ -189,7 +190,12 @@ class _Work:
         laws = self._calibrated(problem, floor)
         self.say(f"{serial}: trying {len(problem.candidates)} effects")
         search = Search(source, floor, laws, self.rules, self._calibrated)
-        return self._conclude(search, foresight, search.run())
+        result = search.run()
+        if source.seen.runs == 1 and {s.choice.name for s in result.slots} & ORDERS:
+            # a missing order is alike in heating and cooling: history may be beside it
+            search = Search(source, floor, laws, replace(self.rules, most=2), self._calibrated)
+            result = search.run()
+        return self._conclude(search, foresight, result)
 
     def _calibrated(self, problem: Problem, floor: NoiseFloor) -> Calibration:
         rng = np.random.default_rng(self.seed)
