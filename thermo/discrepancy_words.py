@@ -1,5 +1,6 @@
 """The verdict in words: effects with their sizes, and where the disagreement is."""
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -112,9 +113,16 @@ def effects_found(
 
 
 def _size(parameters: Mapping[str, ParameterValue]) -> str:
-    """Return the sizes in words, the first three."""
-    shown = list(parameters.values())[:3]
-    return ", ".join(f"{_digits(p)} {p.unit}" for p in shown)
+    """Return the sizes in words, the first three; those after the first with what they are."""
+    (first, size), *more = list(parameters.items())[:3]
+    named = [f"{_label(name, first)} {_digits(p)} {p.unit}" for name, p in more]
+    return ", ".join([f"{_digits(size)} {size.unit}", *named])
+
+
+def _label(name: str, first: str) -> str:
+    """Return an unknown's name without what the effect's first one says, and without its unit."""
+    own = name.removeprefix(f"{first}_")
+    return own if own == name else re.sub(r"_(h|s|c)$", "", own).replace("_", " ")
 
 
 def _digits(value: ParameterValue) -> str:
@@ -131,4 +139,6 @@ def where_text(where: FactorFinding | None, judgement: Judgement) -> str:
     text = f"What the model leaves {FACTOR_WORDS.get(where.name, f'follows {where.name}')}"
     if judgement.bursts > 6.0 and judgement.verdict == "unexplained_noise":
         text += ", in bursts"
+    if where.excess < 1.0:
+        return f"{text}, but by no more than noise gives."
     return f"{text} (chi-square {where.excess:.0f} above what noise gives)."
