@@ -186,7 +186,7 @@ def wrong(sets: list[Scored]) -> list[tuple]:
 
 
 def test_a_small_blind_part(tmp_path: Path) -> None:
-    """Nine sets, seeds fixed: the plain cases are right, nothing is called by a wrong name."""
+    """Six sets, seeds fixed: the plain cases are right, nothing is called by a wrong name."""
     sets = run(Bench(work=tmp_path, recipes=small(), seed=20))
     assert wrong(sets) == []
     assert {s.outcome for s in sets if s.group in ("nothing", "invisible")} == {"silent"}

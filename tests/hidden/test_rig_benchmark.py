@@ -18,7 +18,7 @@ from tests.hidden.scoring import Scored, score
 from tests.hidden.summary import page, picture, table
 
 
-@pytest.mark.parametrize("mode", ["precise", "coarse"])
+@pytest.mark.parametrize("mode", ["precise", pytest.param("coarse", marks=pytest.mark.slow)])
 def test_the_yardstick_and_the_filter_measure_the_same_strength(tmp_path: Path, mode: str) -> None:
     """Two computations that share nothing: a batch with full covariances, and gains of a filter."""
     write_rig_set(tmp_path, tmp_path / "key.json", recipe("nothing", "multirate", mode), [3, 3])

@@ -127,6 +127,7 @@ def test_one_run_at_one_position_says_what_it_cannot_show(good: RecordedRuns) ->
     assert f"These runs cannot show at all: {', '.join(d.invisible)}." in text
 
 
+@pytest.mark.slow
 def test_two_accelerometers_have_a_model_each(good: RecordedRuns, tmp_path: Path) -> None:
     both = pd.concat(
         [good.frame(), hidden_runs(1, {"cross": 20.0}, every_45=True).frame().assign(serial="B")]
