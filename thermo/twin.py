@@ -21,6 +21,7 @@ from errormodel.arrays import FloatArray
 from errormodel.model import ErrorModel
 from errormodel.record import Record
 from errormodel.terms import Memory
+from thermo.head_errors import ARCSEC
 from thermo.run_in_state import assembly_stress
 from thermo.terms import term
 
@@ -29,7 +30,6 @@ T_REF_C = 25.0
 # not: no turning point is missed by more than what 30 s can do, and what happens on the way to a
 # run and in the rests between runs is in it.
 MEMORY_STEP_S = 30.0
-ARCSEC = np.pi / 180.0 / 3600.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

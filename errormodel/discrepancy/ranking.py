@@ -7,9 +7,14 @@ from errormodel.discrepancy.problem import Candidate, Signature
 from errormodel.discrepancy.scan import Found, View
 
 
+def residual_of(view: View) -> FloatArray:
+    """Return the whitened residual beside the baseline."""
+    return view.beside_base(view.data[:, None])[:, 0]
+
+
 def chi_square(view: View) -> float:
     """Return the whitened sum of squares that the baseline leaves."""
-    rest = view.beside_base(view.data[:, None])[:, 0]
+    rest = residual_of(view)
     return float(rest @ rest)
 
 
@@ -56,8 +61,3 @@ def unknowns_of(candidate: Candidate) -> int:
     """Return how many unknowns an effect has, nonlinear ones too."""
     signature: Signature = candidate.prepared()[0]
     return signature.columns.shape[1] + len(candidate.grid[0])
-
-
-def residual_of(view: View) -> FloatArray:
-    """Return the whitened residual beside the baseline."""
-    return view.beside_base(view.data[:, None])[:, 0]
