@@ -111,6 +111,19 @@ class ModbusChamber(ControllerRegisters, ABC):
                 settings[name] = register.name_of(value) if register.values else value
         return settings
 
+    @property
+    def recognition(self) -> Mapping[str, float | str]:
+        """What `identify` recognised the controller by."""
+        return {}
+
+    def read_occupation(self) -> tuple[str, ...]:
+        """Read why the chamber is not free to be taken over."""
+        return ()
+
+    def read_foreign_changes(self) -> tuple[str, ...]:
+        """Read what the controller holds otherwise than was last commanded."""
+        return ()
+
     def close(self) -> None:
         """Release the port; harmless when done twice. Changes nothing in the controller."""
         self._link.close()

@@ -1,6 +1,6 @@
 """The chambers there are drivers for."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 from drivers.chamber_eurotherm import Eurotherm3504
 from drivers.chamber_f4 import WatlowF4
@@ -15,13 +15,22 @@ _DRIVERS: dict[str, Callable[[ChamberConfig], Chamber]] = {
 }
 
 
-def open_chamber(config: ChamberConfig) -> Chamber:
+def open_chamber(
+    config: ChamberConfig,
+    *,
+    permit: Callable[[], None] | None = None,
+    recognition: Mapping[str, float | str] | None = None,
+) -> Chamber:
     """Make the driver of a chamber; the port is opened with the first question.
 
     Parameters
     ----------
     config : ChamberConfig
         The chamber's section of the station file.
+    permit : callable, optional
+        Called right before every write; what it raises (`FencedError`) keeps it from being sent.
+    recognition : mapping, optional
+        `Chamber.recognition` of another process that recognised the same controller.
 
     Returns
     -------

@@ -23,10 +23,15 @@ class Range:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SafeResult:
-    """What `make_safe` did and what reading back showed; `verified` only if every check held."""
+    """What `make_safe` did and what reading back showed; `verified` only if every check held.
+
+    `commanded` is False when nothing was written, because the controller was not recognised or
+    never commanded; then nothing is verified either.
+    """
 
     verified: bool
     steps: tuple[str, ...]  # one line each, in order: what was written, what was read back
+    commanded: bool = True
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -90,7 +95,34 @@ class Device(Protocol):
 
 
 class Chamber(Device, Protocol):
-    """A thermal chamber with one temperature loop."""
+    """A thermal chamber with one temperature loop.
+
+    Nothing is written to it before `identify` has recognised the controller: its unit, its
+    scaling and its word order. Until then every command raises `RecognitionError`.
+    """
+
+    @property
+    def recognition(self) -> Mapping[str, float | str]:
+        """What `identify` recognised the controller by; empty before.
+
+        Given to `drivers.chambers.open_chamber`, it lets another process recognise the same
+        controller again, also when its sensor has failed since.
+        """
+        ...
+
+    def read_occupation(self) -> tuple[str, ...]:
+        """Read why the chamber is not free to be taken over; empty when it is.
+
+        Somebody's profile or program runs, the loop is off or in manual, the set point is remote.
+        """
+        ...
+
+    def read_foreign_changes(self) -> tuple[str, ...]:
+        """Read what the controller holds otherwise than this driver last commanded, in words.
+
+        Set point, mode, ramp, profile; empty when all is as commanded, or nothing was commanded.
+        """
+        ...
 
     @property
     def limits_c(self) -> Range:
@@ -125,8 +157,9 @@ class Chamber(Device, Protocol):
     def make_safe(self, temp_c: float) -> SafeResult:
         """End any ramp or profile, hold `temp_c`, and verify both by reading back.
 
-        Idempotent; tries every step even when one fails. It never raises an InstrumentError: the
-        failure is in the result.
+        Idempotent; tries every step even when one fails. A loop that was found off is left off.
+        It never raises an InstrumentError: the failure is in the result. A controller that is
+        not recognised gets nothing written, and the result says so.
         """
         ...
 

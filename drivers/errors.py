@@ -6,7 +6,9 @@
     ├── LimitError       a set point outside the injected limits; nothing was sent
     ├── LinkError        no usable answer: silence, a lost connection; the link was dropped
     ├── ProtocolError    an answer that is not the answer to the question; the link was dropped
+    ├── FencedError      somebody else has taken the instrument over; nothing was sent
     └── DeviceError      a well-formed answer that says no: exception code, error, sensor break
+        └── RecognitionError   not shown to be the instrument of the station file; nothing was sent
 """
 
 
@@ -28,3 +30,11 @@ class ProtocolError(InstrumentError):
 
 class DeviceError(InstrumentError):
     """The instrument answered, and the answer is a refusal or a fault of its own."""
+
+
+class RecognitionError(DeviceError):
+    """The instrument was not shown to be that of the station file; nothing is written to it."""
+
+
+class FencedError(InstrumentError):
+    """The right to command the instrument was taken away; nothing was sent."""

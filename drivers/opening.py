@@ -69,7 +69,12 @@ class Station:
         self.close()
 
 
-def open_station(config: StationConfig, *, clock: Clock | None = None) -> Station:
+def open_station(
+    config: StationConfig,
+    *,
+    clock: Clock | None = None,
+    permit: Callable[[], None] | None = None,
+) -> Station:
     """Open the instruments of a station; none is told to do anything.
 
     Parameters
@@ -79,6 +84,8 @@ def open_station(config: StationConfig, *, clock: Clock | None = None) -> Statio
     clock : Clock, optional
         The clock readings will be stamped with, so that the digitiser can tell by how much a
         scan was late when it had to be asked for again. Real time if not given.
+    permit : callable, optional
+        Called right before everything that is written to the chamber, as for `open_chamber`.
 
     Returns
     -------
@@ -101,7 +108,7 @@ def open_station(config: StationConfig, *, clock: Clock | None = None) -> Statio
 
     try:
         return Station(
-            chamber=keep("chamber", lambda: open_chamber(config.chamber)),
+            chamber=keep("chamber", lambda: open_chamber(config.chamber, permit=permit)),
             digitiser=keep("digitiser", lambda: ScanningMultimeter(config.digitiser, clock=clock)),
             head=keep("head", lambda: MotionHead(config.head)),
             config=config,

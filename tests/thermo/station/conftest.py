@@ -68,6 +68,18 @@ class FakeChamber(FakeDevice):
     stuck_c: float | None = None
     alarms: tuple[str, ...] = ()
 
+    recognition: Mapping[str, float | str] = {}
+    occupation: tuple[str, ...] = ()
+    foreign: tuple[str, ...] = ()
+
+    def read_occupation(self) -> tuple[str, ...]:
+        self.world.call("chamber.read_occupation")
+        return self.occupation
+
+    def read_foreign_changes(self) -> tuple[str, ...]:
+        self.world.call("chamber.read_foreign_changes")
+        return self.foreign
+
     def read_temp_c(self) -> float:
         now_s = self.world.call("chamber.read_temp_c")
         here_c = self.world.plant.air_temp_c(now_s)
