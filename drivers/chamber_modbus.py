@@ -10,10 +10,9 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 
-from drivers.chamber_limits import ChamberLimits
-from drivers.chamber_registers import ControllerRegisters
-from drivers.devices import LinkCounters, Range, SafeResult
-from drivers.errors import DeviceError, InstrumentError, LimitError
+from drivers.chamber_recognition import Evidence, RecognisedController
+from drivers.devices import CHAMBER_C, LinkCounters, Range, SafeResult
+from drivers.errors import DeviceError, FencedError, InstrumentError, LimitError, RecognitionError
 from drivers.station import ChamberConfig
 
 log = logging.getLogger(__name__)
@@ -22,9 +21,10 @@ OVER_TEMPERATURE_MARGIN_C = 5.0  # an overshoot is less than this, a runaway soo
 FOLLOW_S = 1.5  # real: a few control cycles, in which the loop takes up a new set point
 CYCLE_S = 0.05  # real: between two looks at it
 SafeStep = tuple[str, Callable[[], str]]
+_WORDS = {"setpoint": ("set point", " °C"), "ramp_rate": ("ramp rate", " °C/min")}
 
 
-class ModbusChamber(ControllerRegisters, ABC):
+class ModbusChamber(RecognisedController, ABC):
     """A chamber with one temperature loop behind Modbus; the models derive from it.
 
     Parameters
@@ -33,6 +33,8 @@ class ModbusChamber(ControllerRegisters, ABC):
         Model, link, limits and scaling.
     name : str
         The instrument's name, for messages.
+    permit, recognition
+        As for `drivers.chambers.open_chamber`.
 
     Raises
     ------
@@ -40,9 +42,15 @@ class ModbusChamber(ControllerRegisters, ABC):
         If the URL cannot be understood or there is no map of the model.
     """
 
-    def __init__(self, config: ChamberConfig, *, name: str = "chamber") -> None:
-        super().__init__(config, name=name)
-        self._limits = ChamberLimits(config, self._map, name=name)
+    def __init__(
+        self,
+        config: ChamberConfig,
+        *,
+        name: str = "chamber",
+        permit: Callable[[], None] | None = None,
+        recognition: Evidence | None = None,
+    ) -> None:
+        super().__init__(config, name=name, permit=permit, recognition=recognition)
         self._commanding = threading.RLock()  # making safe must not be undone by a ramp half set
 
     # ---- what a Device is
@@ -68,12 +76,12 @@ class ModbusChamber(ControllerRegisters, ABC):
         return self._limits.rate_c_per_min
 
     def identify(self) -> str:
-        """Check that what answers behaves like the chamber of the station file.
+        """Recognise the chamber of the station file; until then nothing is written to it.
 
         No register common to these controllers names the model, so it is judged by what it
-        shows: a plausible temperature, units in °C and the number of decimals (where the model
-        tells them), and set point limits. Those limits are kept: the tighter of the controller's
-        and the station's apply from here on.
+        shows: scale, unit and word order, set point limits and temperatures that a chamber can
+        have. The limits are kept: the tighter of the controller's and the station's apply from
+        here on.
 
         Returns
         -------
@@ -82,21 +90,14 @@ class ModbusChamber(ControllerRegisters, ABC):
 
         Raises
         ------
+        RecognitionError
+            If it is not shown to be the chamber of the station file.
         DeviceError
-            If it cannot be the chamber of the station file.
+            If it is, and its temperature cannot be read.
         """
-        settings = self.read_settings()
-        self._check_settings(settings)
-        lo, hi = settings.get("setpoint_low"), settings.get("setpoint_high")
-        if isinstance(lo, float) and isinstance(hi, float):
-            self._limits.narrow(lo, hi)
-        temp_c = self._plausible("temperature", self._get("temperature"))
-        limits = self.limits_c
-        if self._config.safe_temp_c not in limits:
-            raise DeviceError(
-                f"{self._name}: the safe temperature {self._config.safe_temp_c:g} °C is outside "
-                f"{limits.lo:g} to {limits.hi:g} °C, all that the controller takes"
-            )
+        with self._commanding:
+            self._recognise()
+        temp_c, limits = self._plausible("temperature", self._get("temperature")), self.limits_c
         return f"{self._map.title}, {temp_c:g} °C, set points {limits.lo:g} to {limits.hi:g} °C"
 
     def read_settings(self) -> Mapping[str, str | float]:
@@ -110,19 +111,6 @@ class ModbusChamber(ControllerRegisters, ABC):
             if value is not None:
                 settings[name] = register.name_of(value) if register.values else value
         return settings
-
-    @property
-    def recognition(self) -> Mapping[str, float | str]:
-        """What `identify` recognised the controller by."""
-        return {}
-
-    def read_occupation(self) -> tuple[str, ...]:
-        """Read why the chamber is not free to be taken over."""
-        return ()
-
-    def read_foreign_changes(self) -> tuple[str, ...]:
-        """Read what the controller holds otherwise than was last commanded."""
-        return ()
 
     def close(self) -> None:
         """Release the port; harmless when done twice. Changes nothing in the controller."""
@@ -158,12 +146,16 @@ class ModbusChamber(ControllerRegisters, ABC):
         LimitError
             If it is outside the limits; nothing was sent.
         DeviceError
-            If the controller refused, or holds another value than was written.
+            If the controller refused, holds another value than was written, or goes by another.
+        RecognitionError
+            If the controller is not recognised, or no more; nothing was sent.
         """
         self._check_temp(temp_c)
         with self._commanding:
+            self._still_recognised()
             self._leave_profile(temp_c)
             self._hold(temp_c)
+            self._await_setpoint(temp_c)
 
     def ramp_to_c(self, temp_c: float, rate_c_per_min: float) -> None:
         """Move the set point from where the chamber is to `temp_c` uniformly, and hold there.
@@ -182,10 +174,13 @@ class ModbusChamber(ControllerRegisters, ABC):
         DeviceError
             If the controller refused, or holds another value than was written. The chamber then
             holds the temperature it was at, or its last set point.
+        RecognitionError
+            If the controller is not recognised, or no more; nothing was sent.
         """
         self._check_temp(temp_c)
         self._limits.check_rate(rate_c_per_min)
         with self._commanding:
+            self._still_recognised()
             # the controllers ramp from the set point in force: first put it where the chamber is
             present_c = self.read_temp_c()
             start_c = min(max(present_c, self.limits_c.lo), self.limits_c.hi)
@@ -196,6 +191,7 @@ class ModbusChamber(ControllerRegisters, ABC):
             except DeviceError as failure:
                 log.warning("%s; the ramp may begin elsewhere than at %g °C", failure, start_c)
             self._ramp(start_c, temp_c, rate_c_per_min)
+            self._check_under_way(start_c, temp_c)
 
     def read_alarms(self) -> tuple[str, ...]:
         """Read the faults the chamber reports of itself, in words; empty when there are none."""
@@ -204,20 +200,33 @@ class ModbusChamber(ControllerRegisters, ABC):
         if broken and broken not in alarms:
             alarms.append(broken)
         temp_c = self._get("temperature")
-        lo, hi = self._map.plausible_c
-        if not lo <= temp_c <= hi:
+        if temp_c not in CHAMBER_C:
             alarms.append(f"temperature {temp_c:g} °C is not plausible")
         elif temp_c > self.limits_c.hi + OVER_TEMPERATURE_MARGIN_C:
             alarms.append(f"over-temperature: {temp_c:g} °C, limit {self.limits_c.hi:g} °C")
         return tuple(alarms)
 
+    def read_occupation(self) -> tuple[str, ...]:
+        """Read why the chamber is not free to be taken over; empty when it is."""
+        return tuple(self._occupation())
+
+    def read_foreign_changes(self) -> tuple[str, ...]:
+        """Read what the controller holds otherwise than this driver last commanded, in words.
+
+        Only what was written and read back is compared, with what was read back then: nothing
+        changes it but somebody else.
+        """
+        with self._commanding:
+            return tuple(self._foreign_changes()) if self._commanded else ()
+
     def make_safe(self, temp_c: float) -> SafeResult:
         """End any ramp or profile, hold `temp_c`, and verify both by reading back.
 
-        Every step is tried even when one before it failed; a pass in which something failed but
-        something worked is done once more. Where the controller tells the set point in force, it
-        is given 1.5 s to become the one written. Safe to repeat, and needs nothing from an
-        earlier link. Never raises an InstrumentError.
+        A controller that was not recognised yet is recognised first; failing that nothing is
+        written. Every step is tried even when one before it failed; a pass in which something
+        failed but something worked is done once more. Where the controller tells the set point in
+        force, it is given 1.5 s to become the one written. Safe to repeat, and needs nothing from
+        an earlier link. Never raises an InstrumentError.
 
         Parameters
         ----------
@@ -230,14 +239,20 @@ class ModbusChamber(ControllerRegisters, ABC):
         """
         log.info("%s: making safe at %g °C", self._name, temp_c)
         with self._commanding:
+            before = self._link.writes
             self._forget_missing()  # nothing believed to be missing is passed over here
-            verified, worked, lines = self._safe_pass(temp_c)
-            if not verified and worked:
-                verified, _, again = self._safe_pass(temp_c)
-                lines = [*lines, "once more:", *again]
+            lines = list[str]()
+            try:
+                if not self._evidence:
+                    self._recognise()
+                verified = self._make_safe(temp_c, lines)
+                commanded = True
+            except InstrumentError as failure:  # not recognised, or the permit was withdrawn
+                verified, commanded = False, self._link.writes > before
+                lines.append(f"not commanded{' further' if commanded else ''}: {failure}")
         if not verified:
             log.error("%s: not verified to be safe: %s", self._name, "; ".join(lines))
-        return SafeResult(verified=verified, steps=tuple(lines))
+        return SafeResult(verified=verified, steps=tuple(lines), commanded=commanded)
 
     # ---- what a model says about itself
 
@@ -269,45 +284,63 @@ class ModbusChamber(ControllerRegisters, ABC):
     def _safe_steps(self, temp_c: float) -> Sequence[SafeStep]:
         """Return the steps to a safe state, each verifying itself and saying what it read back."""
 
-    def _check_settings(self, settings: Mapping[str, str | float]) -> None:
-        """Raise DeviceError where the settings cannot be those of the station file."""
-        if settings.get("units") == "fahrenheit":
-            raise DeviceError(f"{self._name}: the controller works in °F, set it to °C")
-        decimals = settings.get("decimals", self._config.decimals)
-        if decimals != self._config.decimals:
-            raise DeviceError(
-                f"{self._name}: the controller shows {decimals:g} decimals, "
-                f"expected {self._config.decimals} as in the station file"
-            )
-        if settings.get("display_units") == "fahrenheit":
-            log.warning("%s: the display is in °F; check that Modbus is in °C", self._name)
+    @abstractmethod
+    def _occupation(self) -> Sequence[str]:
+        """Return why the chamber is not free, in words."""
+
+    def _foreign_program(self) -> Sequence[str]:
+        """Return what runs that this driver did not start, in words."""
+        return ()
+
+    def _governed_elsewhere(self) -> bool:
+        """Tell whether something may keep the set point in force from the static one."""
+        return True
 
     # ---- parts of the above
-
-    def _plausible(self, what: str, value: float) -> float:
-        lo, hi = self._map.plausible_c
-        if not lo <= value <= hi:
-            raise DeviceError(
-                f"{self._name}: {what} {value:g} °C, expected {lo:g} to {hi:g}: "
-                "broken sensor or wrong register map"
-            )
-        return value
 
     def _check_temp(self, temp_c: float) -> None:
         self._limits.check_temp(temp_c)
         self._encode("setpoint", temp_c)
 
-    def _safe_pass(self, temp_c: float) -> tuple[bool, bool, list[str]]:
-        """Go through the steps once: all held, any held, one line each."""
-        held, lines = list[bool](), list[str]()
-        for label, step in self._safe_steps(temp_c):
+    def _foreign_changes(self) -> list[str]:
+        """Return in words what runs, and what is set otherwise than it was commanded."""
+        changes = [*self._foreign_program()]
+        for name, commanded in self._commanded.items():
+            register, held = self._map[name], self._get_optional(name)
+            if held is not None and not self._same(register, held, commanded):
+                changes.append(f"{self._phrase(name, held)}, {self._told(name, commanded)}")
+        return changes
+
+    def _phrase(self, name: str, value: float) -> str:
+        """Return what a register holds, in words."""
+        label, unit = _WORDS.get(name, (name.replace("_", " "), ""))
+        return f"{label} {self._text(self._map[name], value)}{unit}"
+
+    def _told(self, name: str, value: float) -> str:
+        """Return what it was told, in words."""
+        return f"commanded {self._text(self._map[name], value)}{_WORDS.get(name, ('', ''))[1]}"
+
+    def _make_safe(self, temp_c: float, lines: list[str]) -> bool:
+        """Go through the safe steps, a second time if it helps; tell whether all held."""
+        verified, worked = self._safe_pass(temp_c, lines)
+        if not verified and worked:
+            lines.append("once more:")
+            verified, _ = self._safe_pass(temp_c, lines)
+        return verified
+
+    def _safe_pass(self, temp_c: float, lines: list[str]) -> tuple[bool, bool]:
+        """Go through the steps once, a line each: all held, any held."""
+        held = list[bool]()
+        for label, step in (("recognised", self._still_recognised), *self._safe_steps(temp_c)):
             try:
                 lines.append(f"{label}: {step()}")
                 held.append(True)
+            except (RecognitionError, FencedError):
+                raise
             except InstrumentError as error:
                 lines.append(f"{label}: failed: {error}")
                 held.append(False)
-        return all(held), any(held), lines
+        return all(held), any(held)
 
     def _set_safe_temp(self, temp_c: float) -> str:
         """Write the safe set point, which must be inside the limits like any other."""
@@ -336,10 +369,9 @@ class ModbusChamber(ControllerRegisters, ABC):
         DeviceError
             If it is still another after 1.5 s.
         """
-        near_c = 2 * self._map["setpoint"].tolerance(self._config.decimals)
         give_up_s = time.monotonic() + FOLLOW_S
         while (force_c := self._working_setpoint()) is not None:
-            if abs(force_c - temp_c) <= near_c:
+            if abs(force_c - temp_c) <= self._near_c:
                 return f"goes by {force_c:g} °C"
             if time.monotonic() > give_up_s:
                 raise DeviceError(
@@ -347,3 +379,29 @@ class ModbusChamber(ControllerRegisters, ABC):
                 )
             time.sleep(CYCLE_S)
         return "not told here"
+
+    def _check_under_way(self, start_c: float, temp_c: float) -> None:
+        """Raise DeviceError when the set point in force is not on the way of the ramp."""
+        force_c = self._working_setpoint()
+        lo, hi = min(start_c, temp_c) - self._near_c, max(start_c, temp_c) + self._near_c
+        if force_c is not None and not lo <= force_c <= hi:
+            raise DeviceError(
+                f"{self._name}: the loop goes by {force_c:g} °C, not between {start_c:g} and "
+                f"{temp_c:g} °C"
+            )
+
+    def _check_setpoints(self) -> None:
+        """Raise RecognitionError when the loop goes by another set point for no reason shown."""
+        force_c, static_c = self._working_setpoint(), self._get("setpoint")
+        if force_c is None or abs(force_c - static_c) <= self._near_c:
+            return
+        if not self._governed_elsewhere():
+            raise self._not_recognised(
+                f"the loop goes by {force_c:g} °C, its set point is {static_c:g} °C, "
+                "and neither ramp nor profile is on"
+            )
+
+    @property
+    def _near_c(self) -> float:
+        """How far two registers of the same set point may lie apart, °C."""
+        return 2 * self._map["setpoint"].tolerance(self._config.decimals)
