@@ -25,10 +25,12 @@ class Eurotherm3504(ModbusChamber):
     With the limit disabled, or 0, it jumps to the target at once.
     """
 
+    _scale_shown = False
+
     # ---- recognising it
 
     def _read_scale(self) -> dict[str, float | str]:
-        self._compare_floats()
+        self._scale_shown = self._compare_floats()
         return {"decimals": float(self._config.decimals)}
 
     def _compare_floats(self) -> bool:
@@ -55,7 +57,7 @@ class Eurotherm3504(ModbusChamber):
         return shown
 
     def _check_confirmed(self, scale: Evidence) -> None:
-        if not self._compare_floats():
+        if not self._scale_shown:
             wanted = f"decimals = {self._config.decimals}, °C"
             self._require_confirmation(wanted, f"the scale, decimals = {self._config.decimals}")
 

@@ -390,9 +390,9 @@ class ModbusChamber(RecognisedController, ABC):
                 f"{temp_c:g} °C"
             )
 
-    def _check_setpoints(self) -> None:
+    def _check_setpoints(self, shown: Mapping[str, float]) -> None:
         """Raise RecognitionError when the loop goes by another set point for no reason shown."""
-        force_c, static_c = self._working_setpoint(), self._get("setpoint")
+        force_c, static_c = shown.get("working set point"), shown["set point"]
         if force_c is None or abs(force_c - static_c) <= self._near_c:
             return
         if not self._governed_elsewhere():

@@ -108,7 +108,7 @@ class RecognisedController(ControllerRegisters, ABC):
         """Read what shows scale and unit; RecognitionError if they are not the station file's."""
 
     @abstractmethod
-    def _check_setpoints(self) -> None:
+    def _check_setpoints(self, shown: Mapping[str, float]) -> None:
         """Raise RecognitionError where set points that must agree do not."""
 
     def _check_words(self, limits: tuple[float, float] | None, shown: Mapping[str, float]) -> None:
@@ -189,7 +189,7 @@ class RecognisedController(ControllerRegisters, ABC):
         problem = find_problem(limits or self._config.limits_c, shown)
         if problem:
             raise self._not_recognised(problem)
-        self._check_setpoints()
+        self._check_setpoints(shown)
 
     def _read_limits(self) -> tuple[float, float] | None:
         """Read the controller's own set point limits, where the model has them."""
