@@ -1,10 +1,9 @@
 """Watlow F4T: floats over Modbus TCP or RTU, and a ramp of the set point of its own."""
 
-import struct
 from collections.abc import Mapping, Sequence
 
 from drivers.chamber_modbus import ModbusChamber, SafeStep
-from drivers.chamber_recognition import Evidence, find_problem
+from drivers.chamber_recognition import Evidence, find_problem, swap_words
 from drivers.errors import DeviceError
 
 NOT_SHOWN = "not shown"
@@ -46,8 +45,8 @@ class WatlowF4T(ModbusChamber):
     def _check_words(self, limits: tuple[float, float] | None, shown: Mapping[str, float]) -> None:
         """Hold what was read against what it would be with the halves of each float swapped."""
         mine, other = self._config.word_order, "high" if self._config.word_order == "low" else "low"
-        swapped = None if limits is None else (_swap(limits[0]), _swap(limits[1]))
-        if find_problem(swapped, {name: _swap(value) for name, value in shown.items()}):
+        swapped = None if limits is None else (swap_words(limits[0]), swap_words(limits[1]))
+        if find_problem(swapped, {name: swap_words(value) for name, value in shown.items()}):
             return  # what there is to say about the order of the file is said next
         if find_problem(limits, shown):
             why = f'its floats come {other} word first, the station file has word_order = "{mine}"'
@@ -156,9 +155,3 @@ class WatlowF4T(ModbusChamber):
             return "off, left off"
         # in manual a fixed power heats, whatever the temperature: that is not left alone
         return f"{self._set('control_mode', 'auto')}, {self._await_setpoint(temp_c)}"
-
-
-def _swap(value: float) -> float:
-    """Return the float that the halves of a float32 make in the other order."""
-    high, low = struct.unpack(">HH", struct.pack(">f", value))
-    return float(struct.unpack(">f", struct.pack(">HH", low, high))[0])

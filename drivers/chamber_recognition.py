@@ -6,6 +6,7 @@ were not written, and until they are, the link lets no write through.
 """
 
 import logging
+import struct
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 
@@ -62,6 +63,12 @@ def find_problem(limits_c: tuple[float, float] | None, shown_c: Mapping[str, flo
     if not coldest <= temp_c <= hottest:
         return f"temperature {temp_c:g}, expected {coldest:g} to {hottest:g} °C"
     return ""
+
+
+def swap_words(value: float) -> float:
+    """Return the float that the two words of a float32 make in the other order."""
+    high, low = struct.unpack(">HH", struct.pack(">f", value))
+    return float(struct.unpack(">f", struct.pack(">HH", low, high))[0])
 
 
 class RecognisedController(ControllerRegisters, ABC):

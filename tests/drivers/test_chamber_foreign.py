@@ -22,7 +22,8 @@ def low_first(value: float) -> list[int]:
 
 PREFILLED = {
     "watlow_f4t": {
-        1328: [15], 2730: [10], 2774: low_first(-70.0), 2776: low_first(180.0), 2782: low_first(23.0),
+        1328: [15], 2730: [10], 2774: low_first(-70.0), 2776: low_first(180.0),
+        2782: low_first(23.0),
         2794: [62], 2796: [57], 2798: low_first(1.0), 2810: low_first(23.0),
         2820: low_first(-12.5), 16568: [61],
     },

@@ -103,7 +103,7 @@ def test_all_are_closed_when_one_fails_to(monkeypatch):
 @pytest.mark.parametrize("section", ["chamber", "digitiser", "head"])
 @pytest.mark.parametrize("url", ["", "file:///etc/passwd", "ftp://x", "/dev/ttyUSB0"])
 def test_a_url_of_another_scheme_is_refused_with_the_station_file(section, url):
-    with pytest.raises(ValidationError, match="url .*: expected ") as caught:
+    with pytest.raises(ValidationError, match=r"url .*: expected ") as caught:
         station_config(**{section: {"url": url}})
     assert [error["loc"] for error in caught.value.errors()] == [(section, "url")]
 
