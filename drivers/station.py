@@ -9,6 +9,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validat
 
 from drivers.devices import CHAMBER_C
 
+FASTEST_C_PER_MIN = 100.0  # screening chambers blown on with liquid nitrogen reach 60 to 70
 SLOTS, CHANNELS_IN_SLOT = 3, 20  # of the 34970A and of its multiplexer 34901A
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -79,6 +80,11 @@ class ChamberConfig(LinkConfig):
             )
         if not self.rate_limits_c_per_min[0] < self.rate_limits_c_per_min[1]:
             raise ValueError("rate_limits_c_per_min must be [low, high] with low below high")
+        if self.rate_limits_c_per_min[1] > FASTEST_C_PER_MIN:
+            raise ValueError(
+                f"rate_limits_c_per_min must not exceed {FASTEST_C_PER_MIN:g} °C/min, "
+                "more than any chamber does"
+            )
         if not self.limits_c[0] <= self.safe_temp_c <= self.limits_c[1]:
             raise ValueError("safe_temp_c must lie inside limits_c")
         return self

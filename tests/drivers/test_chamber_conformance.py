@@ -6,7 +6,7 @@ import random
 
 import pytest
 
-from drivers import chamber_modbus
+from drivers import chamber_watch
 from drivers.chambers import open_chamber
 from drivers.clock import SteppedClock
 from drivers.devices import Chamber
@@ -273,6 +273,9 @@ def test_make_safe_reports_and_does_not_raise_when_nobody_answers(bench):
     assert not result.verified
     assert len(result.steps) >= 2
     assert all("failed" in step and "\n" not in step for step in result.steps)
+    fresh = bench.open(retries=0).make_safe(25.0)
+    assert (fresh.verified, fresh.commanded, len(fresh.steps)) == (False, False, 1)
+    assert "not commanded: chamber: " in fresh.steps[0]
 
 
 def test_make_safe_tries_every_step_when_one_is_refused(tcp_bench):
@@ -283,8 +286,14 @@ def test_make_safe_tries_every_step_when_one_is_refused(tcp_bench):
     assert "once more:" in result.steps
 
 
+def test_make_safe_recognises_and_lives_through_a_refusal_of_that(tcp_bench):
+    fresh = tcp_bench.open()
+    tcp_bench.faults.inject("exception")
+    assert fresh.make_safe(25.0).verified
+
+
 def test_make_safe_outside_the_limits_still_ends_the_ramp(tcp_bench, monkeypatch):
-    monkeypatch.setattr(chamber_modbus, "FOLLOW_S", 0.05)  # it will not go there, so why wait
+    monkeypatch.setattr(chamber_watch, "FOLLOW_S", 0.05)  # it will not go there, so why wait
     tcp_bench.chamber.ramp_to_c(70.0, 1.0)
     tcp_bench.wait(60.0)
     result = tcp_bench.chamber.make_safe(200.0)

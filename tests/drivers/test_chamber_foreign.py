@@ -9,7 +9,7 @@ from pymodbus.framer import FramerType
 from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
-from drivers import chamber_modbus
+from drivers import chamber_watch
 from drivers.chambers import open_chamber
 from drivers.errors import DeviceError, LimitError, RecognitionError
 from drivers.station import ChamberConfig
@@ -128,7 +128,7 @@ def test_ramps_where_registers_alone_make_a_ramp(chamber):
 @pytest.mark.parametrize("model", ["watlow_f4t", "eurotherm_3504"])
 def test_a_loop_that_goes_by_another_set_point_is_not_safe(model, monkeypatch):
     """Every register takes what it is told, and the loop goes on elsewhere all the same."""
-    monkeypatch.setattr(chamber_modbus, "FOLLOW_S", 0.05)
+    monkeypatch.setattr(chamber_watch, "FOLLOW_S", 0.05)
     server = ForeignServer(PREFILLED[model], FramerType.SOCKET, action=None)
     url = f"modbus+tcp://127.0.0.1:{server.port}"
     confirmed = CONFIRMED.get(model)

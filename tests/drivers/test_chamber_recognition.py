@@ -8,7 +8,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from drivers import chamber_modbus
+from drivers import chamber_watch
 from drivers.chamber_recognition import find_problem, swap_words
 from drivers.chambers import open_chamber
 from drivers.clock import SteppedClock
@@ -420,7 +420,7 @@ def test_a_3504_without_floats_must_be_confirmed_for_its_decimals(confirmed):
 
 
 def test_a_set_point_that_the_loop_does_not_go_by_is_an_error_of_the_command(serve, monkeypatch):
-    monkeypatch.setattr(chamber_modbus, "FOLLOW_S", 0.05)  # it never will
+    monkeypatch.setattr(chamber_watch, "FOLLOW_S", 0.05)  # it never will
     bank = serve(ForeignF4T)
     chamber = serve.drive(bank)
     chamber.identify()
