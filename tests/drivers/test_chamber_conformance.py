@@ -268,12 +268,13 @@ def test_make_safe_works_from_a_fresh_link_when_the_first_was_left_lying(bench):
 
 
 def test_make_safe_reports_and_does_not_raise_when_nobody_answers(bench):
+    never_recognised = bench.open(retries=0)
     bench.emulator.close()
     result = bench.chamber.make_safe(25.0)
     assert not result.verified
     assert len(result.steps) >= 2
     assert all("failed" in step and "\n" not in step for step in result.steps)
-    fresh = bench.open(retries=0).make_safe(25.0)
+    fresh = never_recognised.make_safe(25.0)
     assert (fresh.verified, fresh.commanded, len(fresh.steps)) == (False, False, 1)
     assert "not commanded: chamber: " in fresh.steps[0]
 
