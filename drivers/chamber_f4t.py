@@ -77,6 +77,11 @@ class WatlowF4T(ModbusChamber):
         return self._get_optional("working_setpoint")
 
     def _hold(self, temp_c: float) -> None:
+        if "control_mode" in self._commanded and self._state("control_mode") == "off":
+            raise DeviceError(
+                f"{self._name}: the loop was switched off at the controller since it was "
+                "commanded; it is left off"
+            )
         # the set point first: with the ramp off it would jump to the target of the old ramp
         self._set("setpoint", temp_c)
         self._set("ramp_action", "off")

@@ -257,7 +257,7 @@ class ModbusChamber(WatchedController, ABC):
         self._encode("setpoint", temp_c)
 
     def _recognise_at_last(self) -> None:
-        """Recognise the controller; a question that went wrong is no reason to leave it as it is."""
+        """Recognise the controller, once more when a question went wrong."""
         try:
             self._recognise()
         except RecognitionError:

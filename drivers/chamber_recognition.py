@@ -161,6 +161,9 @@ class RecognisedController(ControllerRegisters, ABC):
     def _still_recognised(self) -> str:
         """Check, before a command, that scale and unit are what they were; say what they are.
 
+        The set point limits need not be what they were, but must still be a chamber's: with the
+        word order changed at the panel they are not.
+
         Raises
         ------
         RecognitionError
@@ -170,6 +173,9 @@ class RecognisedController(ControllerRegisters, ABC):
         try:
             scale = self._read_scale()
             self._check_known(scale)
+            problem = find_problem(self._read_limits(), {})
+            if problem:
+                raise self._not_recognised(problem)
         except RecognitionError:
             self._evidence = {}
             raise

@@ -200,6 +200,30 @@ def test_a_unit_changed_at_the_panel_ends_all_commands(serve):
     assert len(bank.writes) == written
 
 
+def test_a_word_order_changed_at_the_panel_ends_all_commands(serve):
+    bank = serve(ForeignF4T)
+    chamber = serve.drive(bank)
+    chamber.identify()
+    chamber.hold_temp_c(30.0)
+    bank.high_first = True
+    written = len(bank.writes)
+    with pytest.raises(RecognitionError, match="words come in the other order"):
+        chamber.hold_temp_c(40.0)
+    assert not chamber.make_safe(25.0).commanded
+    assert len(bank.writes) == written
+
+
+def test_limits_changed_at_the_panel_do_not_keep_a_chamber_from_being_made_safe(serve):
+    for kind in (ForeignF4, ForeignF4T):
+        bank = serve(kind)
+        chamber = serve.drive(bank)
+        chamber.identify()
+        chamber.hold_temp_c(60.0)
+        bank.limits_c = (-40.0, 100.0)
+        result = chamber.make_safe(25.0)
+        assert result.verified, result.steps
+
+
 # ---- evidence from another process
 
 

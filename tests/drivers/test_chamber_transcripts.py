@@ -50,16 +50,19 @@ NAME = ("0041", "0043", "0043", "0045", "004c", "0042", "0045", "004e", "0043", 
 
 F4T_UNITS = ask("1a4a", "000f")  # the TCP port works in °C
 F4T_RTU_UNITS = ask("3700", "000f")
-F4T_IDENTIFY = [
+F4T_STILL = [
     *F4T_UNITS,
     *ask("0ad6", "0000", "c25c"),  # limits −55
     *ask("0ad8", "0000", "42aa"),  # and 85
+]
+F4T_IDENTIFY = [
+    *F4T_STILL,
     *ask("0b04", "0000", "41bc"),  # it is 23.5 °C
     *ask("0ade", "0000", "41bc"),
     *ask("0afa", "0000", "41bc"),  # set point in force and static set point are the same
 ]
 F4T_HOLD = [
-    *F4T_UNITS,
+    *F4T_STILL,
     *ask("40b8", "003d"),  # profile state: none
     *put("0ade", "0000", "c222"),  # −40.5, low word first
     *put("0aea", "003e"),  # ramp action off
@@ -67,7 +70,7 @@ F4T_HOLD = [
     *ask("0afa", "0000", "c222"),  # the loop goes by it
 ]
 F4T_RAMP = [
-    *F4T_UNITS,
+    *F4T_STILL,
     *ask("0b04", "0000", "41bc"),  # it is 23.5 °C
     *ask("2c18", "003d"),  # no error at the limit's input
     *ask("40b8", "003d"),
@@ -82,7 +85,7 @@ F4T_RAMP = [
     *ask("0afa", "0000", "41bd"),  # on its way
 ]
 F4T_SAFE = [
-    *F4T_UNITS,
+    *F4T_STILL,
     *ask("40b8", "0095"),  # a profile runs
     *do("40b6", "0094"),  # terminate
     *ask("40b8", "003d"),
@@ -146,11 +149,11 @@ EUROTHERM_SAFE = [
 F4_SCALE = [
     *ask("0385", "0001"),  # °C
     *ask("025e", "0001"),  # one decimal
+    *ask("025a", "fdda"),  # limits −55
+    *ask("025b", "0352"),  # and 85
 ]
 F4_IDENTIFY = [
     *F4_SCALE,
-    *ask("025a", "fdda"),  # limits −55
-    *ask("025b", "0352"),  # and 85
     *ask("0064", "00eb"),  # 23.5
     *ask("012c", "00eb"),
 ]

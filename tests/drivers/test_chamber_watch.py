@@ -8,6 +8,7 @@ from drivers.emulators.chambers import ChamberEmulator
 from drivers.emulators.faults import FaultPlan
 from drivers.emulators.ideal import IdealPlant
 from drivers.emulators.station import EmulatedStation
+from drivers.errors import DeviceError
 from drivers.station import ChamberConfig
 
 from .conftest import BenchPlant
@@ -281,6 +282,23 @@ def test_a_loop_found_off_is_left_off_by_a_driver_that_never_saw_it_on(drive):
     assert bank.setpoint_c == 25.0
     chamber.hold_temp_c(30.0)  # a command, by whoever takes the chamber over, is obeyed
     assert bank.mode == 10
+
+
+def test_a_loop_switched_off_between_two_commands_is_not_switched_on_by_the_second(make_bench):
+    bench = make_bench("watlow_f4t")
+    bench.chamber.hold_temp_c(60.0)
+    bench.panel.operate("loop_off")
+    for command in (
+        lambda: bench.chamber.hold_temp_c(30.0),
+        lambda: bench.chamber.ramp_to_c(30.0, 1.0),
+    ):
+        with pytest.raises(DeviceError, match="was switched off at the controller since"):
+            command()
+    assert bench.panel.memory["mode"] == 62
+    assert bench.panel.static_c == 60.0
+    bench.set_register(2730, 10)  # by somebody who is done
+    bench.chamber.hold_temp_c(30.0)
+    assert bench.chamber.read_foreign_changes() == ()
 
 
 @pytest.mark.parametrize("model", ["watlow_f4t", "eurotherm_3504"])
