@@ -20,7 +20,7 @@ from thermo.store import ReadingRow
 from thermo.store_files import open_existing_store
 from thermo.twin import Twin, make_plant
 
-MAX_EMULATED = 99  # the emulated multimeter's channels 101…199 and 201…299
+MAX_EMULATED = 20  # the emulated multimeter's channels 101…120 and 201…220
 
 
 def default_station(sequence: Sequence) -> StationConfig:

@@ -232,6 +232,7 @@ def chamber_config(bench):
 
 def hold(config, temp_c: float) -> None:
     chamber = open_chamber(config)
+    chamber.identify()
     chamber.hold_temp_c(temp_c)
     chamber.close()
 
