@@ -68,11 +68,19 @@ class Record:
 
     def with_signals(self, **signals: FloatArray) -> "Record":
         """Return the same record with signals replaced or added."""
-        return Record(
-            time_s=self.time_s,
-            run=self.run,
-            signals={**self.signals, **signals},
-            output=self.output,
+        checked = {name: readonly(values) for name, values in signals.items()}
+        for name, values in checked.items():
+            if values.shape != self.time_s.shape:
+                raise ValueError(f"{name} has shape {values.shape}, expected {self.time_s.shape}")
+        return _unchecked(self.time_s, {**self.signals, **checked}, self.run, self.output)
+
+    def view(self, rows: slice) -> "Record":
+        """Return readings that stand together, without a copy; runs keep their numbers."""
+        return _unchecked(
+            self.time_s[rows],
+            {name: values[rows] for name, values in self.signals.items()},
+            self.run[rows],
+            None if self.output is None else self.output[rows],
         )
 
     def take(self, keep: ArrayLike) -> "Record":
@@ -85,3 +93,15 @@ class Record:
             signals={name: values[chosen] for name, values in self.signals.items()},
             output=None if self.output is None else self.output[chosen],
         )
+
+
+def _unchecked(
+    time_s: FloatArray,
+    signals: Mapping[str, FloatArray],
+    run: IntArray,
+    output: FloatArray | None,
+) -> Record:
+    """Make a record of arrays that stood in one that was checked."""
+    made = object.__new__(Record)
+    freeze(made, time_s=time_s, signals=MappingProxyType(dict(signals)), run=run, output=output)
+    return made
