@@ -16,6 +16,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, field_valida
 from errormodel.errors import InputError
 from errormodel.files import check, read_toml
 from errormodel.tables import TableForm, read_table, sidecar_path
+from thermo.labels import pair_keys
 from thermo.recording_check import Table, build
 from thermo.recording_model import (
     COLUMNS,
@@ -250,7 +251,7 @@ def join_runs(parts: Sequence[RecordedRuns]) -> RecordedRuns:
 
 
 def _in_order_of_time(joined: RecordedRuns, parts: Sequence[RecordedRuns]) -> RecordedRuns:
-    key = joined.run.codes * len(joined.serials) + joined.serial.codes
+    key = pair_keys(joined.run, joined.serial)
     order = np.lexsort((joined.time_s, key))
     again = (np.diff(key[order]) == 0) & (np.diff(joined.time_s[order]) == 0)
     if again.any():

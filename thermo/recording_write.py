@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from errormodel.table_write import write_with_sidecar
-from thermo.recording_model import RecordedRuns
+from thermo.recording_model import PIECE, RecordedRuns
 
 
 def write_runs(record: RecordedRuns, path: Path | str) -> None:
@@ -17,7 +17,10 @@ def write_runs(record: RecordedRuns, path: Path | str) -> None:
     InputError
         If the suffix is another, the units in the record differ, or the file cannot be written.
     """
-    write_with_sidecar(record.frame(), sidecar_text(record), Path(path))
+    names = record.columns_in_use()
+    begins = range(0, len(record), PIECE)
+    pieces = (record.frame_of(slice(k, k + PIECE), names) for k in begins)
+    write_with_sidecar(pieces, sidecar_text(record), Path(path))
 
 
 def sidecar_text(record: RecordedRuns) -> str:
