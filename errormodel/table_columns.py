@@ -104,6 +104,7 @@ class GrowingTable:
 
     def finish(self, source: str, place: Callable[[int], str]) -> RawTable:
         """Join the pieces; nothing can be added then."""
+        arrow.default_memory_pool().release_unused()
         number: dict[str, NDArray[np.float64]] = {}
         text: dict[str, tuple[NDArray[np.int32], tuple[str, ...]]] = {}
         for name in list(self._parts):

@@ -28,7 +28,7 @@ arrow_csv: Any = pyarrow.csv
 ArrowError: type[Exception] = arrow.ArrowException
 
 PIECE = 20_000  # lines
-BLOCK_BYTES = 1 << 22  # parsed at a time
+BLOCK_BYTES = 1 << 20  # parsed at a time
 LONGEST_HEADER = 1 << 20  # characters
 LONGEST_LINE = 1 << 24
 SAMPLE_BYTES = 1 << 16  # enough lines to tell how long a row is

@@ -231,7 +231,7 @@ class RecordedRuns:
             for begin in range(0, rows.size, PIECE):
                 some = rows[begin : begin + PIECE]
                 flags = [self.flag.names[k] for k in self.flag.codes[some].tolist()]
-                digest.add([n[some] for n in self._numbers().values()], flags)
+                digest.add([n[some] for n in self.numbers().values()], flags)
         return digest.hexdigest()
 
     def frame(self) -> pd.DataFrame:
@@ -240,7 +240,7 @@ class RecordedRuns:
 
     def columns_in_use(self) -> tuple[str, ...]:
         """Return which columns of the file format hold anything."""
-        numbers = self._numbers()
+        numbers = self.numbers()
         used = [n for n in NUMBERS if n in REQUIRED or not np.all(np.isnan(numbers[n]))]
         used += ["run", "serial"] + ([] if self.good.all() else ["flag"])
         return tuple(name for name in (*COLUMNS, "flag") if name in used)
@@ -248,12 +248,13 @@ class RecordedRuns:
     def frame_of(self, rows: slice, names: Sequence[str]) -> pd.DataFrame:
         """Return a copy of some rows and columns as a table."""
         texts = {"run": self.run, "serial": self.serial, "flag": self.flag}
-        numbers = self._numbers()
+        numbers = self.numbers()
         return pd.DataFrame(
             {n: texts[n].text(rows) if n in texts else numbers[n][rows].copy() for n in names}
         )
 
-    def _numbers(self) -> dict[str, FloatArray]:
+    def numbers(self) -> dict[str, FloatArray]:
+        """Return the columns of numbers by name, in the order of `NUMBERS`."""
         numbers = {name: getattr(self, name) for name in NUMBERS if name not in FORCES}
         return numbers | {name: self.a_g[:, i] for i, name in enumerate(FORCES)}
 

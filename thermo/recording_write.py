@@ -1,8 +1,11 @@
 """Writing recorded runs: whole or not at all, and exact to the last bit."""
 
+from collections.abc import Mapping
+from datetime import datetime
 from pathlib import Path
 
 from errormodel.table_write import write_with_sidecar
+from thermo.output_scale import OutputScale
 from thermo.recording_model import PIECE, RecordedRuns
 
 
@@ -31,18 +34,30 @@ def sidecar_text(record: RecordedRuns) -> str:
     InputError
         If the units in the record differ.
     """
+    scale = OutputScale(
+        output_unit=record.output_unit,
+        gravity_m_s2=record.gravity_m_s2,
+        nominal_scale=record.nominal_scale,
+    )
+    return sidecar_of(scale, record.run_start_utc, record.mount_deg)
+
+
+def sidecar_of(
+    scale: OutputScale,
+    run_start_utc: Mapping[str, datetime],
+    mount_deg: Mapping[tuple[str, str], float],
+) -> str:
+    """Return what stands in a sidecar; mountings by (run, serial)."""
     lines = [
-        f"output_unit = {_quoted(record.output_unit)}",
-        f"gravity_m_s2 = {record.gravity_m_s2!r}",
-        f"nominal_scale = {record.nominal_scale!r}",
+        f"output_unit = {_quoted(scale.output_unit)}",
+        f"gravity_m_s2 = {scale.gravity_m_s2!r}",
+        f"nominal_scale = {scale.nominal_scale!r}",
     ]
-    if record.run_start_utc:
+    if run_start_utc:
         lines += ["", "[run_start_utc]"]
-        lines += [
-            f"{_quoted(r)} = {_quoted(t.isoformat())}" for r, t in record.run_start_utc.items()
-        ]
-    for run in dict.fromkeys(run for run, _ in record.mount_deg):
-        of_run = {s: angle for (r, s), angle in record.mount_deg.items() if r == run}
+        lines += [f"{_quoted(r)} = {_quoted(t.isoformat())}" for r, t in run_start_utc.items()]
+    for run in dict.fromkeys(run for run, _ in mount_deg):
+        of_run = {s: angle for (r, s), angle in mount_deg.items() if r == run}
         lines += ["", f"[mount_deg.{_quoted(run)}]"]
         lines += [f"{_quoted(serial)} = {angle!r}" for serial, angle in of_run.items()]
     return "\n".join(lines) + "\n"
