@@ -1,12 +1,13 @@
 """Array types, and results that stay as they were made."""
 
-from typing import Any, cast
+from typing import Any, TypeVar, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 FloatArray = NDArray[np.floating[Any]]
 IntArray = NDArray[np.intp]
+AnyArray = TypeVar("AnyArray", bound=NDArray[Any])
 
 
 def readonly(values: ArrayLike) -> FloatArray:
@@ -28,7 +29,7 @@ def _is_frozen(array: NDArray[Any]) -> bool:
     return array.base is None or (flags is not None and not flags.writeable)
 
 
-def sealed(values: FloatArray) -> FloatArray:
+def sealed(values: AnyArray) -> AnyArray:
     """Return an array that its maker gives away: made read-only in place, not copied."""
     values.flags.writeable = False
     return values

@@ -168,8 +168,8 @@ def _linearised(
     model: ErrorModel, record: Record, output: FloatArray, values: Mapping[str, float]
 ) -> FloatArray:
     """Return the derivative and the residual side by side, shape (n, p + 1)."""
-    joint, predicted = _derivative_and_output(model, record, values)
-    joint[:, -1] = output - predicted
+    joint = _derivative_and_output(model, record, values)
+    np.subtract(output, joint[:, -1], out=joint[:, -1])
     return joint
 
 
@@ -281,24 +281,24 @@ def derivative(model: ErrorModel, record: Record, values: Mapping[str, float]) -
     ndarray, shape (n, p)
         Columns in the order of `model.names`.
     """
-    return _derivative_and_output(model, record, values)[0][:, :-1]
+    return _derivative_and_output(model, record, values)[:, :-1]
 
 
 def _derivative_and_output(
     model: ErrorModel, record: Record, values: Mapping[str, float]
-) -> tuple[FloatArray, FloatArray]:
-    """Return the derivative, with a column left free at its end, and the output."""
-    joint, output = np.empty((len(record), len(model.names) + 1)), np.empty(len(record))
+) -> FloatArray:
+    """Return the derivative and the output side by side, shape (n, p + 1)."""
+    joint = np.empty((len(record), len(model.names) + 1))
     count = len(model.coefficients)
     for rows, design in model.designs(record, values):
-        output[rows], joint[rows, :count] = model.linearised(design, values)
+        joint[rows, -1], joint[rows, :count] = model.linearised(design, values)
     for k, p in enumerate(model.parameters, count):
         step = 1e-4 * (p.hi - p.lo)
         lo, hi = max(values[p.name] - step, p.lo), min(values[p.name] + step, p.hi)
         above = model.simulate(record, {**values, p.name: hi})
         below = model.simulate(record, {**values, p.name: lo})
         joint[:, k] = (above - below) / (hi - lo)
-    return joint, output
+    return joint
 
 
 def examine(model: ErrorModel, record: Record, values: Mapping[str, float]) -> Separability:

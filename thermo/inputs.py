@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from errormodel.arrays import (
     FloatArray,
@@ -11,7 +12,6 @@ from errormodel.arrays import (
     constant,
     freeze,
     readonly,
-    readonly_int,
     sealed,
 )
 from errormodel.errors import InputError
@@ -55,7 +55,7 @@ class Channel:
     record: Record
     temp_c: FloatArray
     position_deg: FloatArray
-    direction: IntArray
+    direction: NDArray[np.int8]
     has_input: bool
     output_unit: str
     nominal_scale: float
@@ -66,7 +66,7 @@ class Channel:
             self,
             temp_c=readonly(self.temp_c),
             position_deg=readonly(self.position_deg),
-            direction=readonly_int(self.direction),
+            direction=sealed(self.direction.astype(np.int8)),
         )
 
     def runs_mask(self, run_ids: tuple[str, ...]) -> IntArray:
@@ -234,11 +234,11 @@ def _overlapping(starts_s: Sequence[float], lengths_s: Sequence[float]) -> bool:
     return bool(np.any(begun[1:] < ended[:-1]))
 
 
-def direction_of(rate_c_per_min: FloatArray) -> IntArray:
+def direction_of(rate_c_per_min: FloatArray) -> NDArray[np.int8]:
     """Tell heating (1), cooling (−1) and hold (0) from the rate of temperature."""
     fastest = float(np.quantile(np.abs(rate_c_per_min), 0.95)) if rate_c_per_min.size else 0.0
     moving = np.abs(rate_c_per_min) > HOLD_SHARE * fastest
-    return np.where(moving, np.sign(rate_c_per_min), 0).astype(np.intp)
+    return np.where(moving, np.sign(rate_c_per_min), 0).astype(np.int8)
 
 
 def smooth_temperature(
