@@ -54,35 +54,46 @@ class RawTable:
 
 
 class GrowingTable:
-    """Columns that pieces are added to; they are joined one after another, each only once.
+    """Columns that pieces are added to, each in its place: none is copied as a whole.
 
     Parameters
     ----------
     present : list of str
         The columns.
     form : TableForm
+    expected_rows : int
+        Room is taken for so many, and for more when they come.
     text_of : callable, optional
         Turns a cell of text into the text it stands for.
     """
 
     def __init__(
-        self, present: list[str], form: TableForm, text_of: Callable[[str], str] = str
+        self,
+        present: list[str],
+        form: TableForm,
+        expected_rows: int,
+        text_of: Callable[[str], str] = str,
     ) -> None:
         self._form, self._text_of = form, text_of
-        self._parts: dict[str, list[NDArray[Any]]] = {name: [] for name in present}
+        self._columns: dict[str, NDArray[Any]] = {
+            name: np.empty(expected_rows, np.int32 if name in form.texts else np.float64)
+            for name in present
+        }
         self._codes: dict[str, dict[str, int]] = {n: {} for n in present if n in form.texts}
         self.rows = 0
 
     def add(self, piece: Any) -> None:
         """Add an arrow record batch or table that has the columns, of floats and of texts."""
-        self.rows += piece.num_rows
-        for name, parts in self._parts.items():
+        begin, self.rows = self.rows, self.rows + piece.num_rows
+        for name, values in self._columns.items():
+            if self.rows > values.size:
+                values.resize(self.rows + self.rows // 4, refcheck=False)
             column = piece.column(name)
             column = column.combine_chunks() if isinstance(column, arrow.ChunkedArray) else column
             if name in self._form.texts:
-                parts.append(self._encoded(name, column))
-            else:  # a copy: a view would hold on to the whole piece
-                parts.append(np.array(column.to_numpy(zero_copy_only=False), dtype=np.float64))
+                values[begin : self.rows] = self._encoded(name, column)
+            else:
+                values[begin : self.rows] = column.to_numpy(zero_copy_only=False)
 
     def _encoded(self, name: str, column: Any) -> NDArray[np.int32]:
         is_encoded = arrow.types.is_dictionary(column.type)
@@ -103,17 +114,15 @@ class GrowingTable:
         return table[found]
 
     def finish(self, source: str, place: Callable[[int], str]) -> RawTable:
-        """Join the pieces; nothing can be added then."""
+        """Return the table; nothing can be added then."""
         arrow.default_memory_pool().release_unused()
         number: dict[str, NDArray[np.float64]] = {}
         text: dict[str, tuple[NDArray[np.int32], tuple[str, ...]]] = {}
-        for name in list(self._parts):
-            parts = self._parts.pop(name)
-            joined = np.concatenate(parts) if len(parts) != 1 else parts[0]
-            parts.clear()
-            joined.flags.writeable = False
+        for name, values in self._columns.items():
+            values.resize(self.rows, refcheck=False)
+            values.flags.writeable = False
             if name in self._form.texts:
-                text[name] = (joined, tuple(self._codes[name]))
+                text[name] = (values, tuple(self._codes[name]))
             else:
-                number[name] = joined
+                number[name] = values
         return RawTable(number=number, text=text, source=source, place=place)

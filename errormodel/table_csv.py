@@ -58,12 +58,12 @@ def read_csv(path: Path, form: TableForm) -> RawTable:
     header = _Header(
         line=line, names=names, present=checked_columns(path, f"line {line}", names, form)
     )
-    _refuse_too_large(path, header, form)
+    rows = _fitting_rows(path, header, form)
     _check_encoding(path)
     try:
-        table = _put_together(_fast_pieces(path, header, form), header, form)
+        table = _put_together(_fast_pieces(path, header, form), header, form, rows)
     except ArrowError:
-        table = _put_together(_careful_pieces(path, header, form), header, form)
+        table = _put_together(_careful_pieces(path, header, form), header, form, rows)
     if table.rows == 0:
         raise InputError(path, "", "has a header and no readings")
     return table.finish(str(path), lambda row: f"line {_line_of_row(path, line, row)}")
@@ -74,8 +74,10 @@ def csv_names(path: Path) -> list[str]:
     return _header(path, TableForm(numbers=()))[1]
 
 
-def _put_together(pieces: Iterator[Any], header: _Header, form: TableForm) -> GrowingTable:
-    table = GrowingTable(header.present, form, text_of_cell)
+def _put_together(
+    pieces: Iterator[Any], header: _Header, form: TableForm, rows: int
+) -> GrowingTable:
+    table = GrowingTable(header.present, form, rows, text_of_cell)
     for piece in pieces:
         table.add(piece)
     return table
@@ -133,8 +135,11 @@ def checked_columns(path: Path, place: str, names: Sequence[str], form: TableFor
     return [name for name in form.known if name in names]
 
 
-def _refuse_too_large(path: Path, header: _Header, form: TableForm) -> None:
-    """Refuse by the file's size and the length of its first rows."""
+def _fitting_rows(path: Path, header: _Header, form: TableForm) -> int:
+    """Return about how many rows a file has; refuse more than the memory holds.
+
+    By the file's size and the length of its first rows.
+    """
     try:
         size = path.stat().st_size
         with path.open("rb") as file:
@@ -148,6 +153,7 @@ def _refuse_too_large(path: Path, header: _Header, form: TableForm) -> None:
         memory.FACTOR * rows * form.row_bytes(header.present),
         f"about {rows} rows of {len(header.present)} columns",
     )
+    return rows
 
 
 def _fast_pieces(path: Path, header: _Header, form: TableForm) -> Iterator[Any]:

@@ -95,7 +95,7 @@ def _parquet_in_batches(path: Path, form: TableForm) -> RawTable:
         )
         # a text that is stored once for many rows stays so
         encoded = [n for n in present if n in form.texts and _is_text(schema.field(n).type)]
-    table = GrowingTable(present, form)
+    table = GrowingTable(present, form, rows)
     with arrow_parquet.ParquetFile(
         path, page_checksum_verification=True, read_dictionary=encoded
     ) as file:
