@@ -35,7 +35,7 @@ def sealed(values: AnyArray) -> AnyArray:
     return values
 
 
-def constant(value: float, n: int) -> FloatArray:
+def constant(value: float, n: int) -> NDArray[np.float64]:
     """Return n times the same value, read-only, without room for n of them."""
     return np.broadcast_to(sealed(np.array([value])), (n,))
 

@@ -109,7 +109,10 @@ class GrowingTable:
         first = np.full(len(texts), found.size)
         np.minimum.at(first, found, np.arange(found.size))
         table = np.zeros(len(texts), dtype=np.int32)
-        for k in np.argsort(first, kind="stable")[: int(np.sum(first < found.size))].tolist():
+        used: list[int] = np.argsort(first, kind="stable")[
+            : int(np.sum(first < found.size))
+        ].tolist()
+        for k in used:
             table[k] = known.setdefault(texts[k], len(known))
         return table[found]
 

@@ -62,6 +62,11 @@ class Labels:
         """Return the texts of all rows or some, shape (n,)."""
         return np.array(self.names, dtype=object)[self.codes[rows]]
 
+    def texts_of(self, rows: slice | IntArray) -> list[str]:
+        """Return the texts of some rows as a list."""
+        codes: list[int] = self.codes[rows].tolist()
+        return [self.names[k] for k in codes]
+
     def take(self, rows: BoolArray | IntArray) -> "Labels":
         """Return the column of some rows, without the names that no longer occur."""
         codes = self.codes[rows]

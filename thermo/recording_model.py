@@ -224,13 +224,14 @@ class RecordedRuns:
         of_run = np.flatnonzero(self.run.codes == self._index(self.run_ids, run, "run"))
         serial_codes = self.serial.codes[of_run]
         digest = RunDigest()
-        for code in sorted(np.unique(serial_codes).tolist(), key=lambda k: self.serials[k]):
+        present: list[int] = np.unique(serial_codes).tolist()
+        for code in sorted(present, key=self.serials.__getitem__):
             rows, serial = of_run[serial_codes == code], self.serials[code]
             turned = self.mount_deg.get((run, serial), 0.0)
             digest.begin(serial, self.scale_of(run, serial), turned, rows.size)
             for begin in range(0, rows.size, PIECE):
                 some = rows[begin : begin + PIECE]
-                flags = [self.flag.names[k] for k in self.flag.codes[some].tolist()]
+                flags = self.flag.texts_of(some)
                 digest.add([n[some] for n in self.numbers().values()], flags)
         return digest.hexdigest()
 
@@ -296,7 +297,8 @@ def head_force_g(position_deg: FloatArray) -> FloatArray:
     np.sin(turned, out=force[:, 0])
     np.cos(turned, out=force[:, 1])
     np.multiply(turned, 0.0, out=force[:, 2])
-    return np.round(force, 15, out=force)
+    np.round(force, 15, out=force)
+    return force
 
 
 def nothing(n: int) -> FloatArray:

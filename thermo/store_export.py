@@ -78,12 +78,17 @@ def export_test(
         ),
         mount_deg={s: float(angle) for s, angle in (mount_deg or {}).items() if angle},
         run_start_utc=run_starts(store.test(test_id).runs),
-        positioned=frozenset(key for key, count in positions.items() if count),
+        positioned=frozenset(_positioned(positions)),
     )
     record = meaning.record_of(frame)
     if path is not None:
         write_runs(record, path)
     return record
+
+
+def _positioned(counts: pd.Series) -> list[tuple[int, str]]:
+    """Return the (run, serial) that have positions, of counts by run and serial."""
+    return counts[counts > 0].index.tolist()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

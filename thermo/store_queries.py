@@ -211,7 +211,7 @@ def reading_counts(
     """Count the readings that count of some accelerometers, for each of their runs."""
     need_test(connection, test_id)
     r = reading_table.c
-    query = sa.select(
+    query: sa.Select[Any] = sa.select(
         r.run,
         r.serial,
         sa.func.count().label("readings"),

@@ -131,7 +131,7 @@ class _Export:
                     digest.begin(key[1], self._meaning.scale, turned, self._counts[key].readings)
                 elif not record.time_s[rows.start] > last[1]:
                     self._refuse_same_time(key, last[1])
-                flags = [record.flag.names[k] for k in record.flag.codes[rows].tolist()]
+                flags = record.flag.texts_of(rows)
                 digest.add([n[rows] for n in record.numbers().values()], flags)
                 last = key, float(record.time_s[rows.stop - 1])
         return {run: digest.hexdigest() for run, digest in digests.items()}
