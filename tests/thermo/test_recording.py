@@ -226,7 +226,7 @@ def test_any_double_survives_csv(tmp_path_factory, values):
             "output": values,
         }
     )
-    record = make_runs(frame, output_unit="V", gravity_m_s2=9.8, nominal_scale=-0.1)
+    record = make_runs(frame, output_unit="V", gravity_m_s2=9.8, nominal_scale=-1e303)
     write_runs(record, path)
     assert read_runs([path]).output.tobytes() == np.array(values).tobytes()
 
