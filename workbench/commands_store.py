@@ -73,8 +73,8 @@ def export(test_id: str, store: str, out: Path, force: bool, as_json: bool) -> N
         for path in export_paths(opened, test_id, out):
             checked_run_output(path, [], force=force)
         done = export_recorded(opened, test_id, out)
-    document = {"files": [{"out": str(e.path), **recording_document(e.record)} for e in done]}
-    emit(document, [f"{e.path}: {recording_text(e.record)}" for e in done], as_json=as_json)
+    document = {"files": [{"out": str(e.path), **recording_document(e.summary)} for e in done]}
+    emit(document, [f"{e.path}: {recording_text(e.summary)}" for e in done], as_json=as_json)
 
 
 @click.command()
