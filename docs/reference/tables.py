@@ -213,10 +213,7 @@ def _scalar(value: Schema) -> str:
 def faults() -> str:
     """Return what an emulated instrument can be told to do wrong."""
     known = meanings()["faults"]
-    rows = [
-        (f"`{kind}`", _fault_group(kind), known[kind])
-        for kind in get_args(FaultKind)
-    ]
+    rows = [(f"`{kind}`", _fault_group(kind), known[kind]) for kind in get_args(FaultKind)]
     return markdown(("kind", "spoils", "what happens"), rows)
 
 
