@@ -22,7 +22,7 @@ MIN_RAMP_C = 0.01  # less than any chamber resolves is no ramp
 Number = Annotated[float, Strict(), Field(allow_inf_nan=False)]
 Temp = Annotated[float, Strict(), Field(ge=-200, le=400, allow_inf_nan=False)]
 Rate = Annotated[float, Strict(), Field(gt=0, le=100, allow_inf_nan=False)]
-# a thermistor that shows more is open or shorted, see `thermo.station_reading`
+# a thermistor that shows more is open or shorted, see `thermo.plan.PLAUSIBLE_C`
 ThermistorTemp = Annotated[float, Strict(), Field(ge=-120, le=200, allow_inf_nan=False)]
 # a chamber on its fastest ramp, 5 °C/min behind a lag of 5 min, is 25 °C behind its programme
 Deviation = Annotated[float, Strict(), Field(gt=0, le=30, allow_inf_nan=False)]
