@@ -150,7 +150,8 @@ class Limits(_Section):
     chamber_c, accelerometer_c : pair of float or None
         Allowed temperatures of the chamber and of each accelerometer's thermistor; None takes
         the station's limits for the chamber, widened by 10 °C for the accelerometers. The
-        chamber's reading may overshoot by `max_deviation_c`, its set point never does.
+        chamber's reading may overshoot by `max_deviation_c`, 5 °C at most, its set point never
+        does.
     max_deviation_c, max_deviation_min : float
         The chamber may be this far from the programme, for this long at a stretch.
     stuck_c : float

@@ -243,12 +243,12 @@ class _Test:
     ) -> str:
         """Do what is left of the test, and return why it is done."""
         before_command(self._test_id)
-        if point is None:  # what is left is the safe end
-            session.commanded = True
+        if point is None:
             reason = self._decide(session, self._plan.runs).reason
         else:
             first = self._resumed and point.run > 1
             reason = self._runs(session, point, pause_first=first)
+        session.commanded = True  # the safe end belongs to the test, also if nothing else was left
         self._judge_shares(session)
         for text in session.journal.complaints:
             session.journal.event("complaint", text)

@@ -12,6 +12,7 @@ from thermo.station_types import InstrumentLostError, LimitTrippedError, Thermis
 log = logging.getLogger(__name__)
 
 MOVED_C = 0.05  # a reading that changed by less has not moved
+OVERSHOOT_C = 5.0  # a chamber overshoots by less, one that runs away soon by more
 CONFIRM = 2  # readings in a row of an accelerometer's thermistor before it ends the test
 
 
@@ -78,7 +79,7 @@ class Watch:
         """Check the chamber's reading against the absolute limits."""
         low, high = self.plan.chamber_limits_c
         # a chamber that stands at a limit of the sequence overshoots it by a little
-        margin = self.plan.sequence.limits.max_deviation_c
+        margin = min(self.plan.sequence.limits.max_deviation_c, OVERSHOOT_C)
         if not low - margin <= temp_c <= high + margin:
             raise LimitTrippedError(
                 f"chamber at {temp_c:.1f} °C, more than {margin:g} °C outside {low:g}…{high:g} °C"

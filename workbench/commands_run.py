@@ -166,19 +166,19 @@ def _check_store(store: str) -> None:
 
 
 def _run(job: _Job, observers: Sequence[Observer]) -> TestOutcome:
-    if job.emulated:
-        return run_emulated(
-            job.sequence,
-            job.store,
-            config=job.config,
-            clock=job.clock,
-            resume=job.resume,
-            observers=observers,
-            take_over=job.take_over,
-        )
     path = _file_of(job.store)
     is_new = path is not None and not path.exists()
     try:
+        if job.emulated:
+            return run_emulated(
+                job.sequence,
+                job.store,
+                config=job.config,
+                clock=job.clock,
+                resume=job.resume,
+                observers=observers,
+                take_over=job.take_over,
+            )
         return run_on_station(
             job.sequence,
             job.config,

@@ -7,9 +7,12 @@ import pytest
 
 from drivers.devices import ChannelReading
 from drivers.errors import LinkError
+from thermo.sequence import parse_sequence
 from thermo.station import run_test
+from thermo.station_emulated import run_emulated
 from thermo.station_quality import HeadWatch, Repetition
 from thermo.station_types import RunControl
+from thermo.store import open_store
 
 
 def alarms(store, test_id):
@@ -207,6 +210,33 @@ def test_a_share_that_the_sequence_allows_is_clean(edit_sequence, station, store
     outcome = run_test(edit_sequence(("[after_gap]", text)), station, store, world.clock)
     assert outcome.skipped == 14
     assert outcome.clean
+
+
+def test_thirty_emulated_accelerometers_are_read(tmp_path):
+    serials = [f"X{k}" for k in range(30)]
+    under_test = ", ".join(f'{{serial = "{s}", nominal_scale = 1.3}}' for s in serials)
+    sequence = parse_sequence(
+        f"""
+name = "many"
+accelerometers = [{under_test}]
+[temperature]
+start_c = 25.0
+segments = [{{kind = "hold", duration_min = 1.0}}]
+[positions]
+angles_deg = [0.0, 90.0]
+[sampling]
+period_s = 15.0
+"""
+    )
+    outcome = run_emulated(sequence, tmp_path / "s.sqlite")
+    assert outcome.clean, outcome
+    with open_store(tmp_path / "s.sqlite") as store:
+        frame = store.readings(outcome.test_id)
+    assert set(frame.serial) == set(serials)
+    up = frame[frame.slot == 1]
+    # at 90° each shows its nominal 1.3 mA, bias and scale within 5 %
+    assert (abs(up.output - 1.3) < 0.065).all()
+    assert (abs(frame.temp_c - 25.0) < 1.0).all()
 
 
 def test_one_accelerometer_of_several_is_enough(short, station, store, world):
