@@ -141,8 +141,13 @@ def test_what_the_station_cannot_do_is_refused(
 
 @pytest.mark.parametrize(
     ("channel", "emulated", "refused"),
-    [(140, False, False), (141, False, True), (200, False, True), (120, True, False)]
-    + [(121, True, True)],
+    [
+        (140, False, False),
+        (141, False, True),
+        (200, False, True),
+        (120, True, False),
+        (121, True, True),
+    ],
 )
 def test_a_channel_that_no_multiplexer_has_is_refused(
     channel: int, emulated: bool, refused: bool
