@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from drivers.station import StationConfig
 from errormodel.errors import InputError
 from thermo.legs import FloatArray, Leg, commanded_c, expand, lagged_c, leg_at
+from thermo.plan_bounds import PLAUSIBLE_C, unprotecting
 from thermo.sequence import Positions, Sequence
 
 CASE_LAG_S = 300.0  # assumed: how slowly an accelerometer's case follows the programme
 HEAD_START_S = 0.5  # assumed: what a head needs to begin and end a move beyond angle/speed
-PLAUSIBLE_C = (-120.0, 200.0)  # a thermistor that shows more is open, shorted or not connected
 EMULATED_CHANNELS = 20  # of each of the emulated multimeter's three modules
 MAX_SLOTS = 2_000_000  # all runs; a period of 0.1 s for more than two days
 
@@ -155,6 +155,8 @@ def make_plan(sequence: Sequence, station: StationConfig, source: str = "sequenc
         # beyond what a thermistor can show nothing would be limited
         accelerometer_limits_c=(max(own_c[0], PLAUSIBLE_C[0]), min(own_c[1], PLAUSIBLE_C[1])),
     )
+    if (problem := unprotecting(sequence)) is not None:
+        raise InputError(source, *problem)
     _check_wiring(plan, source)
     _check_temperatures(plan, source)
     _check_start(plan, way_s, source)

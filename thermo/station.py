@@ -250,15 +250,17 @@ class _Test:
             reason = self._runs(session, point, pause_first=first)
         session.commanded = True  # the safe end belongs to the test, also if nothing else was left
         self._judge_shares(session)
-        for text in session.journal.complaints:
+        complaints = session.journal.complaints
+        for text in complaints:
             session.journal.event("complaint", text)
-        return reason
+        return f"{reason}, with {len(complaints)} complaints" if complaints else reason
 
     def _judge_shares(self, session: Session) -> None:
         """Complain of every accelerometer of which too little of the whole test can be used."""
         done = [r.number for r in self._store.test(self._test_id).runs if r.status == "finished"]
         good: Counter[str] = Counter()
         for number in done:
+            session.heartbeat()
             readings = self._store.readings(self._test_id, number)
             good.update(readings.serial[(readings.flag == "") & (readings.voided == "")])
         slots = self._plan.slots * len(done)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from drivers.devices import ChannelReading, ScanChannel
 from drivers.station import InputConfig, StationConfig
 from drivers.thermistor import temp_c_from_ohm
-from thermo.plan import PLAUSIBLE_C
+from thermo.plan_bounds import PLAUSIBLE_C
 from thermo.sequence import Sequence as TestSequence
 from thermo.store_records import ReadingRow
 

@@ -152,7 +152,8 @@ class Session:
         for change in changes:
             if change not in self._changes:
                 self.journal.event("foreign change", change)
-                self.journal.complain(f"somebody else changed the chamber: {change}")
+        if changes and not self.foreign:
+            self.journal.complain(f"somebody else changed the chamber: {'; '.join(changes)}")
         self._changes = changes
         self.foreign = self.foreign or bool(changes)
 

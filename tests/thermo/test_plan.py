@@ -140,6 +140,33 @@ def test_what_the_station_cannot_do_is_refused(
 
 
 @pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("limits.accelerometer_c", "[-55.0, 300.0]"),
+        ("limits.max_deviation_c", "1e308"),
+        ("limits.max_deviation_min", "1e6"),
+        ("limits.stuck_c", "1e308"),
+        ("limits.max_failures", "10_000"),
+        ("limits.max_failure_s", "1e9"),
+        ("temperature.start_timeout_min", "9e4"),
+        ("temperature.approach_c_per_min", "1e-6"),
+        ("after_gap.max_gap_s", "1e308"),
+    ],
+)
+def test_a_limit_that_protects_nobody_is_refused_but_can_still_be_read(
+    key: str, value: str
+) -> None:
+    section, name = key.split(".")
+    base = SHORT + ("\n[limits]\n" if section == "limits" else "")
+    sequence = parse_sequence(base.replace(f"[{section}]", f"[{section}]\n{name} = {value}", 1))
+    with pytest.raises(InputError) as caught:
+        make_plan(sequence, STATION, "seq.toml")
+    assert str(caught.value).startswith(f"seq.toml: {key}: ")
+    assert "expected" in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
     ("channel", "emulated", "refused"),
     [
         (140, False, False),

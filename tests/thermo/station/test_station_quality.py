@@ -134,7 +134,8 @@ def test_a_head_that_stays_is_told_at_once_and_is_a_complaint(short, station, st
     assert any("although it is sent elsewhere" in text for text in outcome.complaints)
     assert told_at[0] <= 16  # it stands where it should at one slot of four
     assert len(told_at) <= 2  # once a run
-    assert outcome.reason == "all runs done"
+    assert outcome.reason == f"all runs done, with {len(outcome.complaints)} complaints"
+    assert store.test(outcome.test_id).outcome == outcome.reason
     assert [e.text for e in store.events(outcome.test_id) if e.kind == "complaint"] == list(
         outcome.complaints
     )
