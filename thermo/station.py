@@ -2,7 +2,6 @@
 
 import logging
 import platform
-from collections import Counter
 from collections.abc import Callable
 from collections.abc import Sequence as Many
 from dataclasses import dataclass
@@ -18,6 +17,7 @@ from thermo.plan import Plan, make_plan
 from thermo.run_in_station import decide_run_in
 from thermo.sequence import Sequence, parse_sequence, sequence_toml
 from thermo.station_journal import Journal
+from thermo.station_quality import find_bad_shares
 from thermo.station_reading import inputs_of, scan_channels
 from thermo.station_resume import ResumePoint, find_resume_point, is_own
 from thermo.station_run import Run
@@ -249,29 +249,12 @@ class _Test:
             first = self._resumed and point.run > 1
             reason = self._runs(session, point, pause_first=first)
         session.commanded = True  # the safe end belongs to the test, also if nothing else was left
-        self._judge_shares(session)
+        for text in find_bad_shares(self._store, self._test_id, self._plan, session.heartbeat):
+            session.journal.complain(text)
         complaints = session.journal.complaints
         for text in complaints:
             session.journal.event("complaint", text)
         return f"{reason}, with {len(complaints)} complaints" if complaints else reason
-
-    def _judge_shares(self, session: Session) -> None:
-        """Complain of every accelerometer of which too little of the whole test can be used."""
-        done = [r.number for r in self._store.test(self._test_id).runs if r.status == "finished"]
-        good: Counter[str] = Counter()
-        for number in done:
-            session.heartbeat()
-            readings = self._store.readings(self._test_id, number)
-            good.update(readings.serial[(readings.flag == "") & (readings.voided == "")])
-        slots = self._plan.slots * len(done)
-        limit = self._plan.sequence.limits.max_bad_share
-        for accelerometer in self._plan.sequence.accelerometers:
-            bad = slots - good[accelerometer.serial]
-            if bad > limit * slots:
-                session.journal.complain(
-                    f"accelerometer {accelerometer.serial}: {bad} of {slots} slots missed or "
-                    f"flagged, {limit:.0%} are allowed"
-                )
 
     def _decide(self, session: Session, number: int) -> Decision:
         """Decide, from what is stored, whether the test goes on after a run."""

@@ -5,10 +5,12 @@ not end a test: they are told at once, and again at its end.
 """
 
 import math
-from collections import deque
-from collections.abc import Sequence
+from collections import Counter, deque
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
+from thermo.plan import Plan
+from thermo.store import Store
 from thermo.store_records import ReadingRow
 
 OFF_POSITION_DEG = 0.5  # a head this far from where it was sent is not there
@@ -127,3 +129,39 @@ class Quality:
             return []
         self._told.add(key)
         return [text]
+
+
+def find_bad_shares(
+    store: Store, test_id: str, plan: Plan, heartbeat: Callable[[], None]
+) -> list[str]:
+    """Find every accelerometer of which too little of the runs done can be used.
+
+    Parameters
+    ----------
+    store : Store
+        Has the readings, those of earlier sittings among them.
+    test_id : str
+    plan : Plan
+        Of the test; its sequence's `limits.max_bad_share` is judged by.
+    heartbeat : callable
+        Called before each run is read.
+
+    Returns
+    -------
+    list of str
+        A line each.
+    """
+    done = [run.number for run in store.test(test_id).runs if run.status == "finished"]
+    good: Counter[str] = Counter()
+    for number in done:
+        heartbeat()
+        readings = store.readings(test_id, number)
+        good.update(readings.serial[(readings.flag == "") & (readings.voided == "")])
+    slots = plan.slots * len(done)
+    limit = plan.sequence.limits.max_bad_share
+    return [
+        f"accelerometer {a.serial}: {slots - good[a.serial]} of {slots} slots missed or flagged, "
+        f"{limit:.0%} are allowed"
+        for a in plan.sequence.accelerometers
+        if slots - good[a.serial] > limit * slots
+    ]
