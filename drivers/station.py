@@ -201,6 +201,7 @@ class StationConfig(_Section):
     digitiser: DigitiserConfig
     head: HeadConfig
     inputs: Annotated[tuple[InputConfig, ...], Field(min_length=1)]
+    on_foreign_change: Literal["end", "pause", "tell"] = "end"
     emulation: EmulationConfig | None = None
 
     @model_validator(mode="after")

@@ -2,10 +2,12 @@
 
 import json
 import logging
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from drivers.clock import Clock
 from drivers.devices import Chamber, IndexingHead, SafeResult
+from drivers.errors import FencedError
 
 log = logging.getLogger(__name__)
 
@@ -29,11 +31,12 @@ def make_chamber_safe(
     *,
     retry_s: float = RETRY_S,
     min_attempts: int = MIN_ATTEMPTS,
+    heartbeat: Callable[[], None] = lambda: None,
 ) -> SafeResult:
     """Put a chamber into the safe condition and verify it, with fresh attempts.
 
-    Nothing but the end of the process stops it: an exception of any kind, a Ctrl-C among them,
-    costs one attempt.
+    Nothing but the end of the process, or somebody else's taking over, stops it: an exception of
+    any other kind, a Ctrl-C among them, costs one attempt.
 
     Parameters
     ----------
@@ -45,6 +48,8 @@ def make_chamber_safe(
         How long to try, s on `clock`.
     min_attempts : int
         At least so many attempts.
+    heartbeat : callable
+        Called before every attempt; a `FencedError` from it leaves the chamber to somebody else.
 
     Returns
     -------
@@ -57,11 +62,14 @@ def make_chamber_safe(
     while True:
         attempt += 1
         try:
+            heartbeat()
             result = chamber.make_safe(temp_c)
             steps += result.steps
             if result.verified:
                 return SafeResult(verified=True, steps=tuple(steps))
             steps.append(f"attempt {attempt}: not verified")
+        except FencedError as err:
+            return SafeResult(verified=False, steps=(*steps, one_line(err)))
         except BaseException as err:
             steps.append(f"attempt {attempt}: {one_line(err)}")
         log.warning("%s: safe condition not verified, attempt %d", _name(chamber), attempt)
@@ -95,9 +103,18 @@ def stop_head(head: IndexingHead) -> tuple[bool, str]:
 
 
 def clean_up(
-    chamber: Chamber, head: IndexingHead, safe_temp_c: float, clock: Clock, *, commanded: bool
+    chamber: Chamber,
+    head: IndexingHead,
+    safe_temp_c: float,
+    clock: Clock,
+    *,
+    chamber_commanded: bool,
+    head_commanded: bool,
+    heartbeat: Callable[[], None] = lambda: None,
 ) -> CleanUp:
     """Make the chamber safe and stop the head; the chamber first, it is the one that burns.
+
+    What this sitting never commanded may be somebody else's: nothing is written to it.
 
     Parameters
     ----------
@@ -106,26 +123,43 @@ def clean_up(
     safe_temp_c : float
         °C.
     clock : Clock
-    commanded : bool
-        Whether the chamber was told to do anything; if not, a chamber that does not answer is
-        not waited for.
+    chamber_commanded, head_commanded : bool
+        Whether each was told to do anything.
+    heartbeat : callable
+        As for `make_chamber_safe`.
 
     Returns
     -------
     CleanUp
         `chamber.steps` ends with a line about the head.
     """
-    retry_s = RETRY_S if commanded else 0.0
-    safe = make_chamber_safe(chamber, safe_temp_c, clock, retry_s=retry_s)
-    stopped, line = stop_head(head)
+    if chamber_commanded:
+        safe = make_chamber_safe(chamber, safe_temp_c, clock, heartbeat=heartbeat)
+    else:
+        steps = ("nothing was written to it",)
+        safe = SafeResult(verified=False, steps=steps, commanded=False)
+    stopped, line = stop_head(head) if head_commanded else _see_head(head)
     return CleanUp(
-        chamber=SafeResult(verified=safe.verified, steps=(*safe.steps, line)), head_stopped=stopped
+        chamber=SafeResult(
+            verified=safe.verified, steps=(*safe.steps, line), commanded=chamber_commanded
+        ),
+        head_stopped=stopped,
     )
+
+
+def _see_head(head: IndexingHead) -> tuple[bool, str]:
+    """Tell, without writing anything, whether a head that was never commanded stands."""
+    try:
+        moving = head.is_moving()
+    except BaseException as err:
+        return False, f"head: not commanded, not seen: {one_line(err)}"
+    return not moving, f"head: not commanded, {'turning' if moving else 'stands'}"
 
 
 def safe_json(safe: SafeResult) -> str:
     """Write a result for the store."""
-    return json.dumps({"verified": safe.verified, "steps": list(safe.steps)}, ensure_ascii=False)
+    data = {"verified": safe.verified, "commanded": safe.commanded, "steps": list(safe.steps)}
+    return json.dumps(data, ensure_ascii=False)
 
 
 def one_line(err: BaseException) -> str:

@@ -55,6 +55,7 @@ def run_on_station(
     control: RunControl | None = None,
     guard: bool = True,
     guard_retry_s: float = RETRY_S,
+    take_over: bool = False,
 ) -> TestOutcome:
     """Run a test, or go on with one, on the instruments of a station file.
 
@@ -77,6 +78,8 @@ def run_on_station(
         Whether a guardian is started.
     guard_retry_s : float
         Real seconds for which the guardian tries a chamber that does not answer.
+    take_over : bool
+        As for `thermo.station.run_test`.
 
     Returns
     -------
@@ -84,7 +87,7 @@ def run_on_station(
 
     Raises
     ------
-    InputError, StoreError, InstrumentError
+    InputError, StoreError, InstrumentError, ChamberOccupiedError
         When it cannot be begun; nothing was commanded.
     """
     clock, control = clock or RealClock(), control or RunControl()
@@ -120,8 +123,9 @@ def run_on_station(
                 observers=observers,
                 control=control,
                 before_command=partial(start_guardian, config.chamber) if guard else None,
+                take_over=take_over,
             )
-            if outcome.safe.verified:
+            if outcome.safe.verified or not outcome.safe.commanded:
                 while guardians:
                     guardians.pop().dismiss()
         return outcome
