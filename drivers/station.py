@@ -128,6 +128,18 @@ class EmulationConfig(_Section):
     faults: tuple[FaultConfig, ...] = ()
 
 
+class GuardianConfig(_Section):
+    """The second process that makes the chamber safe when the controller is dead or silent.
+
+    It acts when the controller is silent for longer than its longest legal step, which follows
+    from the time-outs and retries above (`thermo.heartbeat.longest_step_s`), and this margin.
+    """
+
+    # for what is computed between two questions (the verdict on a ramp, the decision on a run-in)
+    # and a loaded machine; a chamber at 5 °C/min moves 2.5 °C in it
+    margin_s: Positive = 30.0
+
+
 class StationConfig(_Section):
     """A whole station."""
 
@@ -137,6 +149,7 @@ class StationConfig(_Section):
     digitiser: DigitiserConfig
     head: HeadConfig
     inputs: Annotated[tuple[InputConfig, ...], Field(min_length=1)]
+    guardian: GuardianConfig = GuardianConfig()
     emulation: EmulationConfig | None = None
 
     @model_validator(mode="after")

@@ -21,7 +21,7 @@ from thermo.station_reading import inputs_of, scan_channels
 from thermo.station_resume import ResumePoint, find_resume_point
 from thermo.station_run import Run
 from thermo.station_safe import clean_up, one_line, safe_json
-from thermo.station_session import Session
+from thermo.station_session import Heartbeat, Session, no_heartbeat
 from thermo.station_types import (
     GO_ON,
     Decision,
@@ -58,6 +58,7 @@ def run_test(
     observers: Many[Observer] = (),
     control: RunControl | None = None,
     before_command: Callable[[str], None] | None = None,
+    heartbeat: Heartbeat = no_heartbeat,
 ) -> TestOutcome:
     """Run a test sequence, or go on with an interrupted one.
 
@@ -82,6 +83,9 @@ def run_test(
     before_command : callable, optional
         Called with the test's id before the chamber is told anything; what it raises ends the
         test. The guardian is started here.
+    heartbeat : callable
+        Called around every call of an instrument, in every slice of a wait and in the clean-up.
+        What it raises ends the test; what it returns becomes events.
 
     Returns
     -------
@@ -107,7 +111,9 @@ def run_test(
         except BaseException:
             store.claim(resume).release()
             raise
-    test = _Test(plan, station, store, clock, Observers(observers), control or RunControl())
+    test = _Test(
+        plan, station, store, clock, Observers(observers), control or RunControl(), heartbeat
+    )
     return test.run(resume, before_command)
 
 
@@ -130,6 +136,7 @@ class _Test:
         clock: Clock,
         observers: Observers,
         control: RunControl,
+        heartbeat: Heartbeat,
     ) -> None:
         self._plan = plan
         self._station = station
@@ -137,6 +144,7 @@ class _Test:
         self._clock = clock
         self._observers = observers
         self._control = control
+        self._heartbeat = heartbeat
         self._test_id = ""
         self._resumed = False
         self._session: Session | None = None
@@ -182,7 +190,7 @@ class _Test:
                 )
             )
         journal = Journal(self._store, self._test_id, self._observers, self._clock)
-        session = Session(plan, station, self._clock, journal, self._control)
+        session = Session(plan, station, self._clock, journal, self._control, self._heartbeat)
         self._session = session
         if resume:
             journal.event("resumed", f"on {station.config.chamber.url}")
@@ -268,7 +276,10 @@ class _Test:
             station.config.chamber.safe_temp_c,
             self._clock,
             commanded=self._resumed or (session is not None and session.commanded),
+            heartbeat=self._heartbeat,
         )
+        if done.fenced:
+            end.status, end.reason = "failed", done.fenced
         if not done.chamber.verified:
             log.error("the chamber's safe condition is not verified: %s", done.chamber.steps)
         reason = self._record(end, done.chamber)

@@ -2,7 +2,7 @@
 
 import logging
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import TypeVar
 
 from drivers.clock import Clock
@@ -20,22 +20,38 @@ ALARM_S = 10.0  # between two looks at its alarms while reading
 SLICE_S = 0.2  # real seconds after which a wait notices the operator
 
 Value = TypeVar("Value")
+# shows that the control thread lives and looks at the guardian; returns what is worth an event
+Heartbeat = Callable[[], Iterable[str]]
+
+
+def no_heartbeat() -> tuple[str, ...]:
+    """Beat for nobody: there is no guardian."""
+    return ()
 
 
 class Session:
     """One sitting of a test: instruments, clock, limits, and who is told.
 
-    `commanded` is set just before the chamber is told anything for the first time.
+    `commanded` is set just before the chamber is told anything for the first time. `heartbeat`
+    is called around every call of an instrument and in every slice of a wait; what it raises ends
+    the test.
     """
 
     def __init__(
-        self, plan: Plan, station: Station, clock: Clock, journal: Journal, control: RunControl
+        self,
+        plan: Plan,
+        station: Station,
+        clock: Clock,
+        journal: Journal,
+        control: RunControl,
+        heartbeat: Heartbeat = no_heartbeat,
     ) -> None:
         self.plan = plan
         self.station = station
         self.clock = clock
         self.journal = journal
         self.control = control
+        self._heartbeat = heartbeat
         self.watch = Watch(plan)
         self.commanded = False
         self.chamber_c: float | None = None
@@ -43,6 +59,11 @@ class Session:
         self._alarms_due_s = -math.inf
         speed = getattr(clock, "speed", None)
         self._slice_s = math.inf if speed is None else SLICE_S * speed
+
+    def beat(self) -> None:
+        """Show that the control thread lives, and enter what became of the guardian."""
+        for line in self._heartbeat():
+            self.journal.event("guardian", line)
 
     def ask(self, name: str, call: Callable[[], Value]) -> Value | None:
         """Ask an instrument; None when it failed, which is counted under `name` and logged.
@@ -59,6 +80,7 @@ class Session:
             name,
             FailureBudget(name, limits.max_failures, limits.max_failure_s),
         )
+        self.beat()
         try:
             value = call()
         except LimitError as err:
@@ -67,6 +89,8 @@ class Session:
             self.journal.event("fault", f"{name}: {err}")
             budget.failed(self.clock.now_s(), err)
             return None
+        finally:
+            self.beat()
         budget.succeeded()
         return value
 
@@ -87,6 +111,7 @@ class Session:
     def sleep_until(self, deadline_s: float, *, unless_paused: bool = False) -> bool:
         """Wait, noticing the operator; False when a pause was asked for in the meantime."""
         while True:
+            self.beat()
             self.control.check()
             if unless_paused and self.control.paused:
                 return False

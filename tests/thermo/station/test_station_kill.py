@@ -15,7 +15,9 @@ import pytest
 
 from drivers.chambers import open_chamber
 from drivers.station import StationConfig
-from thermo.guarding import Guardian, collect_result, result_file, wait_for_guardian
+from thermo.guardian import Charge
+from thermo.guardian_record import GuardianRecord, read_record
+from thermo.guarding import Guardian, collect_result, result_file, take_lock
 from thermo.station_shell import load_sequence
 from thermo.store import NewTest, open_store
 
@@ -138,7 +140,7 @@ def status_of(store_path: str, test_id: str) -> str:
 def check_after_kill(bench, test_id: str, lines: list[str], acks: set[tuple[str, ...]]) -> None:
     _, _, config, store_path = bench
     path = result_file(store_path, test_id)
-    wait_for_guardian(chamber_config(bench))
+    take_lock(chamber_config(bench)).release()
     assert setpoint_c(config) == 25.0
     with open_store(store_path) as store:
         frame = store.readings(test_id)
@@ -147,7 +149,9 @@ def check_after_kill(bench, test_id: str, lines: list[str], acks: set[tuple[str,
         assert json.loads(ended_itself)["verified"] is True
     elif "event approach" in lines or "event segment" in lines:
         # it had a guardian, and that has seen to the chamber
-        assert json.loads(path.read_text(encoding="utf-8"))["verified"] is True
+        record = read_record(path)
+        assert record is not None
+        assert record.verified
     stored = {
         (str(r.run), str(r.slot), str(r.attempt), str(r.serial), repr(float(r.output)))
         for r in frame.itertuples()
@@ -236,45 +240,54 @@ def hold(config, temp_c: float) -> None:
     chamber.close()
 
 
-def wait_for_file(path: Path) -> dict:
-    give_up = time.monotonic() + 20
-    while not path.exists():
-        assert time.monotonic() < give_up
+def started(config, path: Path, limit_s: float = 60.0) -> Guardian:
+    made = Guardian(Charge(chamber=config, result_path=path, limit_s=limit_s))
+    made.wait_until_ready()
+    return made
+
+
+def wait_for_record(path: Path, phase: str) -> GuardianRecord:
+    give_up = time.monotonic() + 30
+    while (record := read_record(path)) is None or record.phase != phase:
+        assert time.monotonic() < give_up, record
         time.sleep(0.02)
-    return json.loads(path.read_text(encoding="utf-8"))
+    return record
 
 
 def test_a_dismissed_guardian_leaves_the_chamber_alone(bench, tmp_path):
     config = chamber_config(bench)
-    guardian = Guardian(config, tmp_path / "g.json")
+    guardian = started(config, tmp_path / "g.json")
     hold(config, 40.0)
     guardian.dismiss()
     assert setpoint_c(bench[2]) == 40.0
     assert not (tmp_path / "g.json").exists()
-    wait_for_guardian(config, 0.0)
     guardian.dismiss()  # harmless
 
 
 def test_a_guardian_is_deaf_to_signals_and_acts_when_it_is_left(bench, tmp_path):
     config = chamber_config(bench)
-    with Guardian(config, tmp_path / "g.json") as guardian:
+    with started(config, tmp_path / "g.json") as guardian:
         hold(config, 40.0)
-        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGTSTP):
             os.kill(guardian.pid, number)
         assert os.getsid(guardian.pid) == guardian.pid
-    result = wait_for_file(tmp_path / "g.json")
-    assert result["verified"] is True
+    assert wait_for_record(tmp_path / "g.json", "safe").verified
     assert setpoint_c(bench[2]) == 25.0
-    wait_for_guardian(config)
 
 
-def test_a_guardian_that_cannot_reach_the_chamber_says_so(tmp_path, bench):
+def test_a_guardian_that_cannot_reach_the_chamber_says_so_and_goes_on_trying(tmp_path, bench):
     config = chamber_config(bench).model_copy(update={"url": "modbus+tcp://127.0.0.1:9"})
-    with Guardian(config, tmp_path / "g.json", retry_s=0.0):
+    with started(config, tmp_path / "g.json") as guardian:
         pass
-    result = wait_for_file(tmp_path / "g.json")
-    assert result["verified"] is False
-    assert result["steps"]
+    try:
+        record = wait_for_record(tmp_path / "g.json", "trying")
+        assert record.needs_help
+        assert record.alive
+        assert "goes on trying" in record.text
+        assert "attempt" in record.text
+    finally:
+        os.kill(guardian.pid, signal.SIGKILL)
+        os.waitpid(guardian.pid, 0)
 
 
 def test_what_a_guardian_left_is_entered_once(tmp_path):
