@@ -28,7 +28,8 @@ from drivers.devices import Chamber, SafeResult
 from drivers.errors import InstrumentError
 from drivers.station import ChamberConfig
 from thermo.chamber_lock import ChamberLock
-from thermo.guardian_record import Phase, RecordFile, forget_commanded
+from thermo.commanded_note import forget_commanded
+from thermo.guardian_record import Phase, RecordFile
 
 log = logging.getLogger(__name__)
 

@@ -1,14 +1,12 @@
-"""What a guardian leaves in a file, and what a test leaves behind on a chamber it commands.
+"""What a guardian tells in its file.
 
 A record is made at its full size before the chamber is commanded and written in place afterwards,
 two slots in turn, each with a checksum: a full disk loses no word of it, and a write that is torn
 leaves the one before.
 """
 
-import contextlib
 import json
 import os
-import tempfile
 import time
 import zlib
 from collections.abc import Mapping
@@ -16,16 +14,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-import sqlalchemy as sa
-
-from drivers.station import ChamberConfig
-from thermo.chamber_lock import lock_names
 from thermo.processes import is_alive, process_start
 
 SLOT_BYTES = 4096
 STEP_CHARACTERS = 300  # of one step; the longest result has to fit into a slot
 MAX_STEPS = 8
-SUFFIX = ".guardian.json"
 
 Phase = Literal["watching", "taking over", "trying", "safe"]
 
@@ -171,129 +164,3 @@ def _checked(line: str) -> dict[str, Any] | None:
     except (ValueError, KeyError, TypeError, AttributeError):
         return None
     return entry
-
-
-def state_folder() -> Path:
-    """Return the user's folder for what must outlive a process; it is made."""
-    state = os.environ.get("XDG_STATE_HOME") or str(Path.home() / ".local/state")
-    folder = Path(state) / "accelbench"
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError:
-        folder = Path(tempfile.gettempdir())
-    return folder
-
-
-def _store_file(store_url: str | Path) -> Path | None:
-    """Return the file of an SQLite store; None for a store on a server."""
-    text = str(store_url)
-    if "://" in text and not text.startswith("sqlite"):
-        return None
-    database = sa.make_url(text).database if text.startswith("sqlite:") else text
-    return Path(database or "store")
-
-
-def result_file(store_url: str | Path, test_id: str) -> Path:
-    """Return where the guardian of a test leaves its result.
-
-    Beside an SQLite store; for a store on a server in the user's state directory.
-    """
-    store = _store_file(store_url)
-    if store is None:
-        return state_folder() / f"{test_id}{SUFFIX}"
-    return store.with_name(f"{store.name}.{test_id}{SUFFIX}")
-
-
-def pending_results(store_url: str | Path) -> tuple[GuardianRecord, ...]:
-    """Return what guardians have left for a store and what is not entered into it yet.
-
-    Parameters
-    ----------
-    store_url : str or path
-        For a store on a server the results of every such store of the user are returned; match
-        their `test_id`.
-
-    Returns
-    -------
-    tuple of GuardianRecord
-        By test id; those of a healthy running test are left out.
-    """
-    store = _store_file(store_url)
-    folder, prefix = (state_folder(), "") if store is None else (store.parent, f"{store.name}.")
-    found: list[GuardianRecord] = []
-    with contextlib.suppress(OSError):
-        for path in sorted(folder.iterdir()):
-            if path.name.startswith(prefix) and path.name.endswith(SUFFIX):
-                test_id = path.name[len(prefix) : -len(SUFFIX)]
-                record = read_record(path, test_id)
-                if record is not None and not (record.phase == "watching" and record.alive):
-                    found.append(record)
-    return tuple(found)
-
-
-# ---- a chamber that a test commands
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Commanded:
-    """What a test notes before its first command and takes back when the chamber is safe."""
-
-    chamber_url: str
-    test_id: str
-    recognition: Mapping[str, float | str]
-    guardian_pid: int = 0
-    guardian_start: int | None = None
-
-
-def note_commanded(config: ChamberConfig, note: Commanded) -> None:
-    """Note that a test commands a chamber, for whoever finds it left behind.
-
-    Raises
-    ------
-    OSError
-        If it cannot be written.
-    """
-    path = _commanded_path(config)
-    text = json.dumps(
-        {
-            "chamber": note.chamber_url,
-            "test_id": note.test_id,
-            "recognition": dict(note.recognition),
-            "guardian_pid": note.guardian_pid,
-            "guardian_start": note.guardian_start,
-        }
-    )
-    draft = path.with_name(f"{path.name}.{os.getpid()}.tmp")
-    draft.write_text(text + "\n", encoding="utf-8")
-    draft.replace(path)
-
-
-def read_commanded(config: ChamberConfig) -> Commanded | None:
-    """Return what a test of this user has left behind on a chamber; None when there is nothing."""
-    path = _commanded_path(config)
-    try:
-        if path.stat().st_uid not in (os.getuid(), 0):
-            return None  # what somebody else put there is no evidence
-        data: Mapping[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-        return Commanded(
-            chamber_url=str(data["chamber"]),
-            test_id=str(data["test_id"]),
-            recognition=dict(data["recognition"]),
-            guardian_pid=int(data["guardian_pid"]),
-            guardian_start=data["guardian_start"],
-        )
-    except FileNotFoundError:
-        return None
-    except (OSError, ValueError, KeyError, TypeError):
-        return Commanded(chamber_url=config.url, test_id="", recognition={})
-
-
-def forget_commanded(config: ChamberConfig) -> None:
-    """Take the note back: the chamber is safe."""
-    with contextlib.suppress(OSError):
-        _commanded_path(config).unlink(missing_ok=True)
-
-
-def _commanded_path(config: ChamberConfig) -> Path:
-    name = lock_names(config)[0].rpartition("-")[2]
-    return state_folder() / f"chamber-{name}.json"

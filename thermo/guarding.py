@@ -1,4 +1,4 @@
-"""The controller's side of the guardian: lock, heartbeat, fence, replacement, what it left."""
+"""The controller's side of the guardian: lock, heartbeat, fence, replacement."""
 
 import contextlib
 import logging
@@ -20,21 +20,11 @@ from drivers.errors import FencedError, LinkError
 from drivers.station import ChamberConfig, StationConfig
 from thermo import guardian
 from thermo.chamber_lock import PATIENCE_S, ChamberHeldError, ChamberLock
+from thermo.commanded_note import Commanded, forget_commanded, note_commanded, read_commanded
 from thermo.guardian import Charge
-from thermo.guardian_record import (
-    Commanded,
-    forget_commanded,
-    note_commanded,
-    pending_results,
-    read_commanded,
-    read_record,
-    result_file,
-)
+from thermo.guardian_record import read_record
 from thermo.heartbeat import notify_service, silence_limit_s, watchdog_s
 from thermo.processes import is_alive, process_start, process_state
-from thermo.store import Store
-
-__all__ = ["Guard", "Guardian", "collect_result", "pending_results", "result_file", "take_lock"]
 
 log = logging.getLogger(__name__)
 
@@ -259,7 +249,7 @@ class Guard:
         recognition : mapping
             `Chamber.recognition`.
         result_path : Path
-            As `result_file` gives it.
+            As `thermo.guardian_results.result_file` gives it.
 
         Raises
         ------
@@ -428,6 +418,7 @@ class Guard:
                 recognition=self._charge.recognition,
                 guardian_pid=current.pid,
                 guardian_start=process_start(current.pid),
+                result_path=current.result_path,
             ),
         )
 
@@ -479,28 +470,3 @@ def take_lock(chamber: ChamberConfig, *, patience_s: float = PATIENCE_S) -> Cham
         with contextlib.suppress(OSError):
             os.kill(note.guardian_pid, signal.SIGCONT)
     return ChamberLock.take(chamber, patience_s=patience_s)
-
-
-def collect_result(store: Store, test_id: str, path: Path) -> bool | None:
-    """Enter what a guardian has left into the store's events, once.
-
-    Parameters
-    ----------
-    store : Store
-    test_id : str
-    path : Path
-        As `result_file` gives it.
-
-    Returns
-    -------
-    bool or None
-        Whether the guardian verified the safe condition; None when it has left nothing.
-    """
-    record = read_record(path, test_id)
-    if record is None:
-        return None
-    kind = "guardian" if record.verified else "guardian: not safe"
-    store.log_event(test_id, None, None, kind, record.text)
-    if not record.alive:  # one that still works on the chamber goes on telling
-        path.unlink(missing_ok=True)
-    return record.verified

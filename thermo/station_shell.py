@@ -18,7 +18,8 @@ from drivers.clock import Clock, RealClock
 from drivers.opening import open_station
 from drivers.station import StationConfig
 from errormodel.files import read_toml
-from thermo.guarding import Guard, collect_result, result_file, take_lock
+from thermo.guardian_results import collect_result, result_file
+from thermo.guarding import Guard, take_lock
 from thermo.heartbeat import notify_service
 from thermo.plan import make_plan
 from thermo.sequence import Sequence, load_sequence

@@ -17,7 +17,8 @@ from drivers.chambers import open_chamber
 from drivers.station import StationConfig
 from thermo.guardian import Charge
 from thermo.guardian_record import GuardianRecord, read_record
-from thermo.guarding import Guardian, collect_result, result_file, take_lock
+from thermo.guardian_results import collect_result, result_file
+from thermo.guarding import Guardian, take_lock
 from thermo.station_shell import load_sequence
 from thermo.store import NewTest, open_store
 
