@@ -66,6 +66,7 @@ def run_on_station(
     observers: Many[Observer] = (),
     control: RunControl | None = None,
     guard: bool = True,
+    silence_s: float | None = None,
 ) -> TestOutcome:
     """Run a test, or go on with one, on the instruments of a station file.
 
@@ -87,6 +88,9 @@ def run_on_station(
         As for `thermo.station.run_test`.
     guard : bool
         Whether the chamber's lock is taken and a guardian started.
+    silence_s : float, optional
+        How long this process may be silent before its guardian takes over, real s; by the station
+        file if not given.
 
     Returns
     -------
@@ -112,7 +116,9 @@ def run_on_station(
         assert config is not None
         sitting = None
         if guard:  # before anything is opened or written
-            sitting = stack.enter_context(Guard(config, take_lock(config.chamber)))
+            sitting = stack.enter_context(
+                Guard(config, take_lock(config.chamber), limit_s=silence_s)
+            )
         if resume is not None:
             collect_result(store, resume, result_file(store_url, resume))
         permit = None if sitting is None else sitting.permit

@@ -4,26 +4,26 @@ import json
 import os
 import random
 import signal
-import subprocess
-import sys
-import threading
 import time
-from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 
-from drivers.chambers import open_chamber
-from drivers.station import StationConfig
+from tests.thermo.station.processes import (
+    Controller,
+    chamber_config,
+    hold,
+    newest_test,
+    serving,
+    setpoint_c,
+)
 from thermo.guardian import Charge
+from thermo.guardian_process import Guardian
 from thermo.guardian_record import GuardianRecord, read_record
 from thermo.guardian_results import collect_result, result_file
-from thermo.guarding import Guardian, take_lock
-from thermo.station_shell import load_sequence
+from thermo.guarding import take_lock
 from thermo.store import NewTest, open_store
 
-HERE = Path(__file__).parent
-SPEED = 300.0
 SEQUENCE = """
 name = "kill"
 accelerometers = [{serial = "A", nominal_scale = 1.3}, {serial = "B", nominal_scale = 1.3}]
@@ -50,87 +50,10 @@ resoak_min = 1.0
 """
 
 
-class Controller:
-    """A controller process and everything it has said."""
-
-    def __init__(self, *args: str) -> None:
-        self.process = subprocess.Popen(
-            [sys.executable, str(HERE / "controller_process.py"), *args],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            text=True,
-        )
-        self.lines: list[str] = []
-        self.spoke = threading.Event()
-        self._reader = threading.Thread(target=self._read, daemon=True)
-        self._reader.start()
-
-    def _read(self) -> None:
-        assert self.process.stdout is not None
-        for line in self.process.stdout:
-            # a line the kill has torn was not said
-            if line.endswith("\n"):
-                self.lines.append(line.strip())
-                self.spoke.set()
-
-    def end(self) -> list[str]:
-        self.process.wait(60)
-        self._reader.join(10)
-        assert self.process.stdout is not None
-        self.process.stdout.close()
-        return self.lines
-
-    def wait_for(self, start: str, patience_s: float = 30) -> None:
-        give_up = time.monotonic() + patience_s
-        while not any(line.startswith(start) for line in self.lines):
-            assert time.monotonic() < give_up, self.lines[-5:]
-            time.sleep(0.005)
-
-
-@contextmanager
-def serving(tmp_path):
-    """An emulated station in a process of its own; yields what a controller has to be told."""
-    sequence = tmp_path / "kill.toml"
-    sequence.write_text(SEQUENCE, encoding="utf-8")
-    load_sequence(sequence)
-    process = subprocess.Popen(
-        [sys.executable, str(HERE / "emulator_process.py"), str(SPEED), str(sequence)],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    assert process.stdout is not None
-    assert process.stdin is not None
-    try:
-        line = process.stdout.readline()
-        config = tmp_path / "station.json"
-        config.write_text(line, encoding="utf-8")
-        yield str(SPEED), str(sequence), str(config), str(tmp_path / "store.sqlite")
-    finally:
-        process.stdin.close()
-        process.stdout.close()
-        process.wait(20)
-
-
 @pytest.fixture(scope="module")
 def bench(tmp_path_factory):
-    with serving(tmp_path_factory.mktemp("bench")) as served:
+    with serving(tmp_path_factory.mktemp("bench"), SEQUENCE) as served:
         yield served
-
-
-def setpoint_c(config_path: str) -> float:
-    config = StationConfig.model_validate_json(Path(config_path).read_text(encoding="utf-8"))
-    chamber = open_chamber(config.chamber)
-    try:
-        return chamber.read_setpoint_c()
-    finally:
-        chamber.close()
-
-
-def newest_test(store_path: str) -> str:
-    with open_store(store_path) as store:
-        tests = store.tests()
-    return tests[-1].id if tests else "-"
 
 
 def status_of(store_path: str, test_id: str) -> str:
@@ -205,7 +128,7 @@ def test_a_hundred_kills(tmp_path_factory):
     left, seed = 100, 10
     while left > 0:
         seed += 1
-        with serving(tmp_path_factory.mktemp("bench")) as bench:
+        with serving(tmp_path_factory.mktemp("bench"), SEQUENCE) as bench:
             left -= kill_and_resume(bench, kills=min(left, 5), seed=seed)
 
 
@@ -228,17 +151,6 @@ def test_a_signal_ends_the_test_safely_however_often_it_comes(bench, number):
 
 
 # ---- the guardian alone ----
-
-
-def chamber_config(bench):
-    text = Path(bench[2]).read_text(encoding="utf-8")
-    return StationConfig.model_validate_json(text).chamber
-
-
-def hold(config, temp_c: float) -> None:
-    chamber = open_chamber(config)
-    chamber.hold_temp_c(temp_c)
-    chamber.close()
 
 
 def started(config, path: Path, limit_s: float = 60.0) -> Guardian:
