@@ -100,5 +100,6 @@ def chamber_config(bench):
 
 def hold(config, temp_c: float) -> None:
     chamber = open_chamber(config)
+    chamber.identify()  # nothing is written to what was not recognised
     chamber.hold_temp_c(temp_c)
     chamber.close()
