@@ -176,7 +176,9 @@ class Guardian:
         """End it, also when it is stopped."""
         self._process.kill()
         self._process.wait()
-        self.hear()
+        self.hear()  # what it said before is still there
+        self.gone = True
+        self._channel.close()
 
     def __enter__(self) -> "Guardian":
         return self

@@ -123,7 +123,7 @@ def run_on_station(
             collect_result(store, resume, result_file(store_url, resume))
         permit = None if sitting is None else sitting.permit
         with (
-            _signals_to(control),
+            signals_to(control),
             open_station(config, clock=clock, permit=permit) as station,
         ):
 
@@ -160,7 +160,7 @@ def _stored_station(store: Store, test_id: str) -> StationConfig:
 
 
 @contextmanager
-def _signals_to(control: RunControl) -> Generator[None]:
+def signals_to(control: RunControl) -> Generator[None]:
     """Turn signals into the operator's hand; in another thread than the main one do nothing."""
     if threading.current_thread() is not threading.main_thread():
         yield

@@ -1,5 +1,6 @@
 """Controllers and emulated stations in processes of their own."""
 
+import os
 import subprocess
 import sys
 import threading
@@ -9,6 +10,7 @@ from pathlib import Path
 
 from drivers.chambers import open_chamber
 from drivers.station import StationConfig
+from thermo.processes import process_state
 from thermo.station_shell import load_sequence
 from thermo.store import open_store
 
@@ -19,12 +21,13 @@ SPEED = 300.0
 class Controller:
     """A controller process and everything it has said."""
 
-    def __init__(self, *args: str) -> None:
+    def __init__(self, *args: str, stderr: int = subprocess.DEVNULL, **environment: str) -> None:
         self.process = subprocess.Popen(
             [sys.executable, str(HERE / "controller_process.py"), *args],
             stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
+            stderr=stderr,
             text=True,
+            env=os.environ | environment,
         )
         self.lines: list[str] = []
         self.spoke = threading.Event()
@@ -45,6 +48,9 @@ class Controller:
         assert self.process.stdout is not None
         self.process.stdout.close()
         return self.lines
+
+    def is_stopped(self) -> bool:
+        return process_state(self.process.pid)[0] == "stopped"
 
     def wait_for(self, start: str, patience_s: float = 30) -> None:
         give_up = time.monotonic() + patience_s
