@@ -149,7 +149,7 @@ def run_on_station(
 def _end_sitting(sitting: Guard, outcome: TestOutcome) -> TestOutcome:
     """Dismiss the guardian, or leave the chamber to it; a test it had to end is never finished."""
     safe = sitting.end(outcome.safe)
-    notify_service("STOPPING=1")
+    notify_service("STATUS=the test is over")
     if not sitting.taken_over:
         return outcome
     return replace(outcome, status="failed", reason=sitting.taken_over, safe=safe)

@@ -27,14 +27,14 @@ from tests.thermo.station.processes import (
     setpoint_c,
 )
 from thermo import guardian_process, making_safe
-from thermo.chamber_lock import find_holder
+from thermo.chamber_lock import ChamberHeldError, find_holder
 from thermo.commanded_note import read_commanded
 from thermo.guardian_record import read_record
 from thermo.guardian_results import result_file
 from thermo.guarding import Guard, take_lock
 from thermo.making_safe import make_station_safe
 from thermo.processes import process_state
-from thermo.station_shell import say_at_once, signals_to
+from thermo.station_shell import load_sequence, run_on_station, say_at_once, signals_to
 from thermo.station_types import RunControl, TestInterruptedError
 from thermo.store import open_store
 from workbench import commands_safe
@@ -343,6 +343,24 @@ def test_a_line_that_nobody_reads_is_not_waited_for(monkeypatch):
 # ---- two controllers
 
 
+def test_a_controller_that_finds_the_chamber_held_commands_nothing(bench, sitting, tmp_path):
+    config = StationConfig.model_validate_json(Path(bench[2]).read_text(encoding="utf-8"))
+    other = config.chamber.model_copy(
+        update={"url": config.chamber.url.replace("127.0.0.1", "localhost"), "unit_id": 2}
+    )
+    hold(config.chamber, 40.0)
+    with pytest.raises(ChamberHeldError, match=f"process {os.getpid()}, .*not commanded"):
+        run_on_station(
+            load_sequence(bench[1]),
+            config.model_copy(update={"chamber": other}),
+            tmp_path / "other.sqlite",
+        )
+    assert setpoint_c(bench[2]) == 40.0
+    with open_store(tmp_path / "other.sqlite") as store:
+        assert not store.tests()
+
+
+@pytest.mark.slow
 def test_of_two_controllers_the_second_commands_nothing(bench, tmp_path):
     """Other spelling, other TMPDIR, other store, 0.2 s later."""
     speed, sequence, config_path, _ = bench
