@@ -56,6 +56,10 @@ class Controller:
         give_up = time.monotonic() + patience_s
         while not any(line.startswith(start) for line in self.lines):
             assert time.monotonic() < give_up, self.lines[-5:]
+            ended = self.process.poll()
+            if ended is not None:
+                self._reader.join(10)
+                assert any(line.startswith(start) for line in self.lines), (ended, self.lines[-5:])
             time.sleep(0.005)
 
 

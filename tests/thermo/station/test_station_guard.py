@@ -72,7 +72,7 @@ def bench(tmp_path_factory):
         yield served
 
 
-def until(condition: Callable[[], object], patience_s: float = 60) -> None:
+def until(condition: Callable[[], object], patience_s: float = 180) -> None:
     give_up = time.monotonic() + patience_s
     while not condition():
         assert time.monotonic() < give_up
@@ -86,7 +86,7 @@ def running(
     """A test whose ramp has begun; killed at the end, with the guardian done."""
     controller = Controller(*bench, "-", *args, stderr=stderr, **env)
     try:
-        controller.wait_for("event segment", 60)
+        controller.wait_for("event segment", 180)
         until(lambda: controller.lines.count("event segment") > 1)  # the ramp
         yield controller
     finally:
@@ -192,7 +192,7 @@ def test_a_killed_guardian_is_replaced_and_its_successor_guards(bench):
     with running(bench) as controller:
         first = guardian_pid(bench)
         os.kill(first, signal.SIGKILL)
-        controller.wait_for("event guardian", 60)
+        controller.wait_for("event guardian", 180)
         assert guardian_pid(bench) != first
         controller.process.kill()
         until(lambda: phase_of(bench) == "safe")
@@ -390,7 +390,7 @@ def test_of_two_controllers_the_second_commands_nothing(bench, tmp_path):
             told = second.process.stderr.read()
             assert f"process {first.process.pid}" in told
             assert "not commanded" in told
-        winner.wait_for("event segment", 60)
+        winner.wait_for("event segment", 180)
         winner.process.terminate()
         assert winner.end()[-1] == "outcome interrupted True stopped by SIGTERM"
     finally:
