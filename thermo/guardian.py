@@ -277,7 +277,8 @@ class Watch:
             self._heard_s = time.monotonic()
             self._done = self._done or message == DONE
             self._left = self._left or message == LEFT
-            self._fence_seen = self._fence_seen or message == FENCE_SEEN
+            # whatever it says when it ends, it commands nothing after it
+            self._fence_seen = self._fence_seen or message in (FENCE_SEEN, DONE, LEFT)
             if message.startswith(BEAT):
                 self._say(ALIVE + message[len(BEAT) :])
 

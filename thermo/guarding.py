@@ -53,6 +53,7 @@ class Guard:
         self._limit_s = silence_limit_s(config) if limit_s is None else limit_s
         self._charge: Charge | None = None
         self._guardian: Guardian | None = None
+        self._left_before = False  # an earlier test had left the chamber behind
         self._replaced = 0
         self._lost = False  # unguarded: the last one could not be replaced
         self._beaten_s = -BEAT_S
@@ -83,6 +84,7 @@ class Guard:
             test_id=test_id,
             recognition=recognition,
         )
+        self._left_before = read_commanded(self._config.chamber) is not None
         first = Guardian(self._charge, self._lock)
         first.wait_until_ready()
         try:
@@ -165,7 +167,8 @@ class Guard:
                     self._look_at_fence(current)
                 if not self.taken_over:
                     current.result_path.unlink(missing_ok=True)
-                    forget_commanded(self._config.chamber)
+                    if safe.verified or not self._left_before:
+                        forget_commanded(self._config.chamber)
             elif not self.taken_over:
                 self._hand_over(current)
             if self.taken_over:
@@ -217,10 +220,13 @@ class Guard:
             if self._replaced > MAX_REPLACED:
                 raise LinkError(f"guardian: {self._replaced} were lost")
             self._guardian = Guardian(self._charge, self._lock)
-            self._note(self._guardian)
-        except (LinkError, OSError) as err:
+        except LinkError as err:
             self._lost = True
             raise LinkError(f"{trouble} and cannot be replaced: {err}") from None
+        try:
+            self._note(self._guardian)
+        except OSError as err:  # the first one's still stands, and says by what to recognise
+            log.warning("%s: %s", err.filename, err.strerror)
         if old.fence:  # it took over just before it was ended: its successor finishes that
             self.taken_over = f"the guardian took over: {old.fence}"
             self._hand_over(self._guardian)
@@ -245,7 +251,8 @@ class Guard:
     def _hand_over(self, current: Guardian) -> None:
         """Leave the chamber to the guardian, or to a new one if that is gone."""
         current.hear()
-        if current.trouble and self._charge is not None:
+        stopped = process_state(current.pid)[0] == "stopped"
+        if (stopped or current.trouble) and self._charge is not None:
             current.kill()
             try:
                 current = Guardian(self._charge, self._lock)

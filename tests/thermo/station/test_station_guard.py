@@ -28,7 +28,7 @@ from tests.thermo.station.processes import (
 )
 from thermo import guardian_process, making_safe
 from thermo.chamber_lock import ChamberHeldError, find_holder
-from thermo.commanded_note import read_commanded
+from thermo.commanded_note import Commanded, forget_commanded, note_commanded, read_commanded
 from thermo.guardian_record import read_record
 from thermo.guardian_results import result_file
 from thermo.guarding import Guard, take_lock
@@ -280,6 +280,36 @@ def test_a_fenced_sitting_stays_fenced(bench, sitting, tmp_path):
     assert safe.verified
     assert sitting.taken_over
     assert "silent" in safe.steps[0]
+
+
+def test_a_chamber_is_not_left_to_a_stopped_guardian(bench, sitting, tmp_path):
+    sitting.start("T", {}, tmp_path / "g.json")
+    first = guardian_pid(bench)
+    hold(chamber_config(bench), 40.0)
+    os.kill(first, signal.SIGSTOP)
+    until(lambda: process_state(first)[0] == "stopped")
+    sitting.end(SafeResult(verified=False, steps=("no answer",)))
+    until(lambda: setpoint_c(bench[2]) == 25.0)
+    assert process_state(first)[0] == "gone"
+
+
+def test_a_guardian_that_took_over_just_before_it_was_dismissed_is_heard(bench, sitting, tmp_path):
+    sitting._limit_s = 0.5
+    sitting.start("T", {}, tmp_path / "g.json")
+    until(lambda: (r := read_record(tmp_path / "g.json")) is not None and r.phase == "safe")
+    safe = sitting.end(SafeResult(verified=True, steps=("held",)))
+    assert sitting.taken_over
+    assert safe.verified
+    assert not safe.commanded
+
+
+def test_an_earlier_test_s_chamber_stays_noted_until_it_is_safe(bench, sitting, tmp_path):
+    config = chamber_config(bench)
+    note_commanded(config, Commanded(chamber_url=config.url, test_id="earlier", recognition={}))
+    sitting.start("T", {}, tmp_path / "g.json")
+    sitting.end(SafeResult(verified=False, steps=(), commanded=False))  # it never commanded
+    assert read_commanded(config) is not None
+    forget_commanded(config)
 
 
 def test_another_thread_s_beat_is_no_sign_of_control(bench, sitting, tmp_path):
