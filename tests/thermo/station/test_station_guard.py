@@ -32,9 +32,16 @@ from thermo.commanded_note import Commanded, forget_commanded, note_commanded, r
 from thermo.guardian_record import read_record
 from thermo.guardian_results import result_file
 from thermo.guarding import Guard, take_lock
+from thermo.heartbeat import silence_limit_s
 from thermo.making_safe import make_station_safe
 from thermo.processes import process_state
-from thermo.station_shell import load_sequence, run_on_station, say_at_once, signals_to
+from thermo.station_shell import (
+    load_sequence,
+    load_station,
+    run_on_station,
+    say_at_once,
+    signals_to,
+)
 from thermo.station_types import RunControl, TestInterruptedError
 from thermo.store import open_store
 from workbench import commands_safe
@@ -156,6 +163,59 @@ def test_a_stopped_controller_is_relieved_and_commands_nothing_when_it_wakes(ben
         assert setpoint_c(bench[2]) == 25.0
     with open_store(bench[3]) as store:
         assert store.test(newest_test(bench[3])).status == "failed"
+
+
+def toml_of(table: dict, where: str = "") -> str:
+    """Write nested tables and lists of tables."""
+    plain = {k: v for k, v in table.items() if not isinstance(v, dict | type(None))}
+    lists = {k: v for k, v in plain.items() if isinstance(v, list) and isinstance(v[0], dict)}
+    lines = [f"{k} = {json.dumps(v)}" for k, v in plain.items() if k not in lists]
+    for key, value in table.items():
+        if isinstance(value, dict):
+            lines += [f"[{where}{key}]", toml_of(value, f"{where}{key}.")]
+        for one in lists.get(key, ()):
+            lines += [f"[[{where}{key}]]", toml_of(one, f"{where}{key}.")]
+    return "\n".join(lines)
+
+
+@pytest.mark.slow
+def test_the_program_ends_with_exit_code_1_after_the_limit_of_its_station_file(bench, tmp_path):
+    """The command as it is used: the limit from the station file's time-outs and margin."""
+    station = json.loads(Path(bench[2]).read_text(encoding="utf-8"))
+    station["digitiser"] |= {"timeout_s": 2.0}
+    station["head"] |= {"timeout_s": 0.5}
+    station |= {"guardian": {"margin_s": 1.0}, "emulation": {"speed": SPEED}}
+    path = tmp_path / "station.toml"
+    path.write_text(toml_of(station), encoding="utf-8")
+    limit_s = silence_limit_s(load_station(path))
+    store = tmp_path / "store.sqlite"
+    program = subprocess.Popen(
+        [sys.executable, "-c", "import sys; from workbench.cli import main; sys.exit(main())",
+         "run", bench[1], "--station", str(path), "--store", str(store), "--json"],
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+    )  # fmt: skip
+    try:
+        guardian = guardian_pid(bench)
+        assert program.poll() is None
+        assert guardian != program.pid
+        program.send_signal(signal.SIGSTOP)
+        hold(chamber_config(bench), 50.0)
+        path = result_file(store, newest_test(str(store)))
+        until(lambda: (r := read_record(path)) is not None and r.phase == "safe")
+        assert setpoint_c(bench[2]) == 25.0
+        program.send_signal(signal.SIGCONT)
+        out, _ = program.communicate(timeout=180)
+    finally:
+        program.kill()
+        program.wait()
+    assert program.returncode == 1
+    document = json.loads(out)
+    assert document["status"] == "failed"
+    assert document["reason"].endswith(f"more than {limit_s:g} s")
+    assert setpoint_c(bench[2]) == 25.0
 
 
 @pytest.mark.slow
