@@ -192,6 +192,18 @@ class EmulationConfig(_Section):
     faults: tuple[FaultConfig, ...] = ()
 
 
+class GuardianConfig(_Section):
+    """The second process that makes the chamber safe when the controller is dead or silent.
+
+    It acts when the controller is silent for longer than its longest legal step, which follows
+    from the time-outs and retries above (`thermo.heartbeat.longest_step_s`), and this margin.
+    """
+
+    # for what is computed between two questions (the verdict on a ramp, the decision on a run-in)
+    # and a loaded machine; a chamber at 5 °C/min moves 2.5 °C in it
+    margin_s: Positive = 30.0
+
+
 class StationConfig(_Section):
     """A whole station."""
 
@@ -202,6 +214,7 @@ class StationConfig(_Section):
     head: HeadConfig
     inputs: Annotated[tuple[InputConfig, ...], Field(min_length=1)]
     on_foreign_change: Literal["end", "pause", "tell"] = "end"
+    guardian: GuardianConfig = GuardianConfig()
     emulation: EmulationConfig | None = None
 
     @model_validator(mode="after")

@@ -105,7 +105,7 @@ class GrowingTable:
             indices = arrow_compute.fill_null(indices, len(texts))
             texts.append("")
         # only the texts that occur are counted, in the order in which they come
-        found = indices.to_numpy(zero_copy_only=False)
+        found: NDArray[np.int32] = indices.to_numpy(zero_copy_only=False)
         first = np.full(len(texts), found.size)
         np.minimum.at(first, found, np.arange(found.size))
         table = np.zeros(len(texts), dtype=np.int32)

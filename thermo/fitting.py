@@ -277,7 +277,8 @@ def _held_out(
     record = everything.record.with_only(model.needs)  # parts of it are then small
     for number, rows in enumerate(record.run_slices):
         try:
-            seen = record.take(record.run != number)
+            others = np.delete(np.arange(len(record)), rows)
+            seen = record.take(others)
             values = fit_values(model, seen, start=result.as_dict())
         except NotSeparableError:
             return None  # this run alone carries some coefficient: it cannot be predicted

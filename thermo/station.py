@@ -22,7 +22,7 @@ from thermo.station_reading import inputs_of, scan_channels
 from thermo.station_resume import ResumePoint, find_resume_point, is_own
 from thermo.station_run import Run
 from thermo.station_safe import clean_up, one_line, safe_json
-from thermo.station_session import Session
+from thermo.station_session import Heartbeat, Session, no_heartbeat
 from thermo.station_types import (
     GO_ON,
     ChamberOccupiedError,
@@ -61,7 +61,7 @@ def run_test(
     control: RunControl | None = None,
     before_command: Callable[[str], None] | None = None,
     take_over: bool = False,
-    heartbeat: Callable[[], None] | None = None,
+    heartbeat: Heartbeat = no_heartbeat,
 ) -> TestOutcome:
     """Run a test sequence, or go on with an interrupted one.
 
@@ -90,8 +90,9 @@ def run_test(
         test. The guardian is started here.
     take_over : bool
         Whether a chamber that somebody else uses is taken over; it is an event of the test.
-    heartbeat : callable, optional
-        Called at every question, in every wait and in the clean-up; what it raises ends the test.
+    heartbeat : callable
+        Called around every call of an instrument, in every slice of a wait and in the clean-up.
+        What it raises ends the test; what it returns becomes events.
 
     Returns
     -------
@@ -118,13 +119,10 @@ def run_test(
         except BaseException:
             store.claim(resume).release()
             raise
-    test = _Test(plan, station, store, clock, Observers(observers), control or RunControl())
-    return test.run(
-        resume,
-        before_command or (lambda _: None),
-        heartbeat or (lambda: None),
-        take_over=take_over,
+    test = _Test(
+        plan, station, store, clock, Observers(observers), control or RunControl(), heartbeat
     )
+    return test.run(resume, before_command or (lambda _: None), take_over=take_over)
 
 
 def stored_sequence(store: Store, test_id: str, given: Sequence | None = None) -> Sequence:
@@ -146,6 +144,7 @@ class _Test:
         clock: Clock,
         observers: Observers,
         control: RunControl,
+        heartbeat: Heartbeat,
     ) -> None:
         self._plan = plan
         self._station = station
@@ -153,24 +152,20 @@ class _Test:
         self._clock = clock
         self._observers = observers
         self._control = control
+        self._heartbeat = heartbeat
         self._test_id = ""
         self._resumed = False
         self._session: Session | None = None
 
     def run(
-        self,
-        resume: str | None,
-        before_command: Callable[[str], None],
-        heartbeat: Callable[[], None],
-        *,
-        take_over: bool,
+        self, resume: str | None, before_command: Callable[[str], None], *, take_over: bool
     ) -> TestOutcome:
         end = _End()
         self._test_id, self._resumed = resume or "", resume is not None
         try:
             identities = self._station.identify()
             occupied = self._occupation(take_over=take_over)
-            session, point = self._begin(identities, heartbeat)
+            session, point = self._begin(identities)
             for text in occupied:
                 session.journal.event("take-over", text)
             end.reason = self._procedure(session, point, before_command)
@@ -208,9 +203,7 @@ class _Test:
             "commanded. Free it at its panel, or start with --take-over"
         )
 
-    def _begin(
-        self, identities: dict[str, str], heartbeat: Callable[[], None]
-    ) -> tuple[Session, ResumePoint | None]:
+    def _begin(self, identities: dict[str, str]) -> tuple[Session, ResumePoint | None]:
         """Enter the test, or its resumption, into the store, and find where it begins."""
         station, plan = self._station, self._plan
         channels = scan_channels(inputs_of(plan.sequence, station.config))
@@ -228,7 +221,7 @@ class _Test:
                 )
             )
         journal = Journal(self._store, self._test_id, self._observers, self._clock)
-        session = Session(plan, station, self._clock, journal, self._control, heartbeat)
+        session = Session(plan, station, self._clock, journal, self._control, self._heartbeat)
         self._session = session
         if self._resumed:
             journal.event("resumed", f"on {station.config.chamber.url}")
@@ -249,7 +242,7 @@ class _Test:
             first = self._resumed and point.run > 1
             reason = self._runs(session, point, pause_first=first)
         session.commanded = True  # the safe end belongs to the test, also if nothing else was left
-        for text in find_bad_shares(self._store, self._test_id, self._plan, session.heartbeat):
+        for text in find_bad_shares(self._store, self._test_id, self._plan, session.beat):
             session.journal.complain(text)
         complaints = session.journal.complaints
         for text in complaints:
@@ -328,8 +321,10 @@ class _Test:
             self._clock,
             chamber_commanded=session is not None and session.commanded,
             head_commanded=session is not None and session.head_commanded,
-            heartbeat=session.heartbeat if session else (lambda: None),
+            heartbeat=self._heartbeat,
         )
+        if done.fenced:
+            end.status, end.reason = "failed", done.fenced
         if done.chamber.commanded and not done.chamber.verified:
             log.error("the chamber's safe condition is not verified: %s", done.chamber.steps)
         reason = self._record(end, done.chamber)

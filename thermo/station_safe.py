@@ -2,17 +2,18 @@
 
 import json
 import logging
-from collections.abc import Callable
 from dataclasses import dataclass
 
 from drivers.clock import Clock
 from drivers.devices import Chamber, IndexingHead, SafeResult
 from drivers.errors import FencedError
+from thermo.station_session import Heartbeat, no_heartbeat
 
 log = logging.getLogger(__name__)
 
 RETRY_S = 120.0  # how long a chamber that cannot be made safe is tried again
 PAUSE_S = 5.0  # between two attempts
+SLICE_S = 0.2  # real seconds between two beats while waiting
 MIN_ATTEMPTS = 4  # also where the clock runs so fast that RETRY_S is nothing
 
 
@@ -22,6 +23,7 @@ class CleanUp:
 
     chamber: SafeResult
     head_stopped: bool
+    fenced: str = ""  # why the guardian took the chamber over, when it did
 
 
 def make_chamber_safe(
@@ -31,12 +33,12 @@ def make_chamber_safe(
     *,
     retry_s: float = RETRY_S,
     min_attempts: int = MIN_ATTEMPTS,
-    heartbeat: Callable[[], None] = lambda: None,
+    heartbeat: Heartbeat = no_heartbeat,
 ) -> SafeResult:
     """Put a chamber into the safe condition and verify it, with fresh attempts.
 
-    Nothing but the end of the process, or somebody else's taking over, stops it: an exception of
-    any other kind, a Ctrl-C among them, costs one attempt.
+    Nothing but the end of the process stops it, and a guardian that has taken over: an exception
+    of any other kind, a Ctrl-C among them, costs one attempt.
 
     Parameters
     ----------
@@ -49,20 +51,25 @@ def make_chamber_safe(
     min_attempts : int
         At least so many attempts.
     heartbeat : callable
-        Called before every attempt; a `FencedError` from it leaves the chamber to somebody else.
+        Called before every attempt and in every slice of a wait.
 
     Returns
     -------
     SafeResult
         The verified one, or the last, with a line for every attempt that failed.
+
+    Raises
+    ------
+    FencedError
+        If `heartbeat` finds that the guardian has taken the chamber over.
     """
     steps: list[str] = []
     began_s = clock.now_s()
     attempt = 0
     while True:
         attempt += 1
+        _beat(heartbeat)
         try:
-            heartbeat()
             result = chamber.make_safe(temp_c)
             steps += result.steps
             if result.verified:
@@ -76,9 +83,31 @@ def make_chamber_safe(
         try:
             if attempt >= min_attempts and clock.now_s() - began_s >= retry_s:
                 return SafeResult(verified=False, steps=tuple(steps))
-            clock.sleep_until_s(clock.now_s() + PAUSE_S)
+            _wait(clock, PAUSE_S, heartbeat)
+        except FencedError:
+            raise
         except BaseException as err:
             steps.append(f"wait after attempt {attempt}: {one_line(err)}")
+
+
+def _beat(heartbeat: Heartbeat) -> None:
+    """Beat; of what comes of it only the guardian's taking over counts here."""
+    try:
+        for line in heartbeat():
+            log.warning("%s", line)
+    except FencedError:
+        raise
+    except BaseException as err:
+        log.warning("%s", one_line(err))
+
+
+def _wait(clock: Clock, wait_s: float, heartbeat: Heartbeat) -> None:
+    speed = getattr(clock, "speed", None)
+    slice_s = wait_s if speed is None else SLICE_S * speed
+    end_s = clock.now_s() + wait_s
+    while (now_s := clock.now_s()) < end_s:
+        clock.sleep_until_s(min(end_s, now_s + slice_s))
+        _beat(heartbeat)
 
 
 def stop_head(head: IndexingHead) -> tuple[bool, str]:
@@ -110,7 +139,7 @@ def clean_up(
     *,
     chamber_commanded: bool,
     head_commanded: bool,
-    heartbeat: Callable[[], None] = lambda: None,
+    heartbeat: Heartbeat = no_heartbeat,
 ) -> CleanUp:
     """Make the chamber safe and stop the head; the chamber first, it is the one that burns.
 
@@ -133,17 +162,23 @@ def clean_up(
     CleanUp
         `chamber.steps` ends with a line about the head.
     """
+    fenced = ""
+    steps: tuple[str, ...] = ("nothing was written to it",)
+    safe = SafeResult(verified=False, steps=steps, commanded=False)
     if chamber_commanded:
-        safe = make_chamber_safe(chamber, safe_temp_c, clock, heartbeat=heartbeat)
-    else:
-        steps = ("nothing was written to it",)
-        safe = SafeResult(verified=False, steps=steps, commanded=False)
+        try:
+            safe = make_chamber_safe(chamber, safe_temp_c, clock, heartbeat=heartbeat)
+            _beat(heartbeat)
+        except FencedError as err:
+            fenced = one_line(err)
+            safe = SafeResult(verified=False, steps=(fenced,), commanded=False)
     stopped, line = stop_head(head) if head_commanded else _see_head(head)
     return CleanUp(
         chamber=SafeResult(
-            verified=safe.verified, steps=(*safe.steps, line), commanded=chamber_commanded
+            verified=safe.verified, steps=(*safe.steps, line), commanded=safe.commanded
         ),
         head_stopped=stopped,
+        fenced=fenced,
     )
 
 

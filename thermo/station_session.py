@@ -2,7 +2,7 @@
 
 import logging
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import TypeVar
 
@@ -27,6 +27,13 @@ ALARM_S = 10.0  # between two looks at its alarms while reading
 SLICE_S = 0.2  # real seconds after which a wait notices the operator
 
 Value = TypeVar("Value")
+# shows that the control thread lives and looks at the guardian; returns what is worth an event
+Heartbeat = Callable[[], Iterable[str]]
+
+
+def no_heartbeat() -> tuple[str, ...]:
+    """Beat for nobody: there is no guardian."""
+    return ()
 
 
 class Session:
@@ -35,8 +42,8 @@ class Session:
     `commanded` and `head_commanded` are set just before the chamber, or the head, is told
     anything for the first time. `foreign` is set while readings may show what somebody else told
     the chamber: from a foreign change until the chamber has been brought somewhere anew.
-    `heartbeat` is called before every question, in every slice of a wait and in the clean-up;
-    what it raises ends the test.
+    `heartbeat` is called around every call of an instrument and in every slice of a wait; what it
+    raises ends the test.
     """
 
     def __init__(
@@ -46,15 +53,15 @@ class Session:
         clock: Clock,
         journal: Journal,
         control: RunControl,
-        heartbeat: Callable[[], None] = lambda: None,
+        heartbeat: Heartbeat = no_heartbeat,
     ) -> None:
         self.plan = plan
         self.station = station
         self.clock = clock
         self.journal = journal
         self.control = control
+        self._heartbeat = heartbeat
         self.watch = Watch(plan)
-        self.heartbeat = heartbeat
         self.commanded = self.head_commanded = False
         self.chamber_c: float | None = None
         self.foreign = False
@@ -65,6 +72,11 @@ class Session:
         self._shown: Progress | None = None
         speed = getattr(clock, "speed", None)
         self._slice_s = math.inf if speed is None else SLICE_S * speed
+
+    def beat(self) -> None:
+        """Show that the control thread lives, and enter what became of the guardian."""
+        for line in self._heartbeat():
+            self.journal.event("guardian", line)
 
     def ask(self, name: str, call: Callable[[], Value]) -> Value | None:
         """Ask an instrument; None when it failed, which is counted under `name` and logged.
@@ -78,12 +90,12 @@ class Session:
         FencedError
             When somebody else has taken the instrument over.
         """
-        self.heartbeat()
         limits = self.plan.sequence.limits
         budget = self._budgets.setdefault(
             name,
             FailureBudget(name, limits.max_failures, limits.max_failure_s),
         )
+        self.beat()
         try:
             value = call()
         except LimitError as err:
@@ -94,6 +106,8 @@ class Session:
             self.journal.event("fault", f"{name}: {err}")
             budget.failed(self.clock.now_s(), err)
             return None
+        finally:
+            self.beat()
         budget.succeeded()
         return value
 
@@ -119,7 +133,7 @@ class Session:
     def sleep_until(self, deadline_s: float, *, unless_paused: bool = False) -> bool:
         """Wait, noticing the operator; False when a pause was asked for in the meantime."""
         while True:
-            self.heartbeat()
+            self.beat()
             self.control.check()
             if unless_paused and self.control.paused:
                 return False

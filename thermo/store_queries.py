@@ -211,7 +211,7 @@ def reading_counts(
     """Count the readings that count of some accelerometers, for each of their runs."""
     need_test(connection, test_id)
     r = reading_table.c
-    query: sa.Select[Any] = sa.select(
+    query = sa.select(
         r.run,
         r.serial,
         sa.func.count().label("readings"),
@@ -235,7 +235,7 @@ def _readings_with_marks(test_id: str) -> sa.Select[Any]:
     return query.select_from(_joined()).where(r.test_id == test_id)
 
 
-def _that_count(query: sa.Select[Any], serials: Sequence[str]) -> sa.Select[Any]:
+def _that_count(query: Any, serials: Sequence[str]) -> sa.Select[Any]:
     marked = sa.func.coalesce(voided_table.c.flag, "") != ""
     return query.where(~marked, reading_table.c.serial.in_(list(serials)))
 

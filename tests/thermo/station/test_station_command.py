@@ -183,10 +183,11 @@ def test_a_killed_test_with_only_its_end_missing_makes_the_chamber_safe(
 def test_a_controller_that_was_fenced_commands_nothing_more(short, station, store, world):
     fenced_at: list[int] = []
 
-    def heartbeat() -> None:
+    def heartbeat() -> tuple[str, ...]:
         if world.calls.count("digitiser.scan") >= 12:
             fenced_at.append(len(world.calls))
             raise FencedError("the guardian has taken the chamber over")
+        return ()
 
     outcome = run_test(short, station, store, world.clock, heartbeat=heartbeat)
     assert outcome.status == "failed"
