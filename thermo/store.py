@@ -1,7 +1,8 @@
 """The store: tests, runs and readings that survive the process that wrote them.
 
 A reading is acknowledged when `Store.append` returns: it is then on the disk, in a table to which
-rows are only added. SQLite and PostgreSQL behave alike; see docs/decisions/0003-store.md.
+rows are only added. SQLite and PostgreSQL behave alike; see docs/decisions/0003-store.md. A running
+test writes through `thermo.store_spool`, which never waits for a store that does not answer.
 """
 
 import secrets
@@ -31,6 +32,7 @@ from thermo.store_records import (
     TestSummary,
 )
 from thermo.store_rows import check_status, json_text, number_or_null, plain_text, reading_values
+from thermo.store_sqlite import checkpoint
 
 __all__ = [
     "EventRecord",
@@ -46,13 +48,15 @@ __all__ = [
 ]
 
 
-def open_store(url: str | Path) -> "Store":
+def open_store(url: str | Path, *, existing: bool = False) -> "Store":
     """Open a store, and make it when there is none.
 
     Parameters
     ----------
     url : str
         A file name, ``sqlite:///FILE`` or ``postgresql://USER@HOST/DATABASE``.
+    existing : bool
+        Whether it is to hold a store already; an empty file is refused then.
 
     Raises
     ------
@@ -61,7 +65,7 @@ def open_store(url: str | Path) -> "Store":
         nothing was changed.
     """
     parsed = parse_url(url)
-    return Store(open_engine(parsed), parsed)
+    return Store(open_engine(parsed, existing=existing), parsed)
 
 
 class Store:
@@ -71,13 +75,17 @@ class Store:
     """
 
     def __init__(self, engine: sa.Engine, url: sa.URL) -> None:
+        self._turn_to(engine, url)
+        self._lock = threading.RLock()
+        self._claims: dict[str, Claim] = {}
+        self._checked: set[tuple[str, int, int, int]] = set()
+
+    def _turn_to(self, engine: sa.Engine, url: sa.URL) -> None:
+        """Take this database for the store from now on."""
         self._engine = engine
         self._reader = engine.execution_options(reading=True)
         self._url = url
         self._where = shown(url)
-        self._lock = threading.RLock()
-        self._claims: dict[str, Claim] = {}
-        self._checked: set[tuple[str, int, int, int]] = set()
 
     def __enter__(self) -> "Store":
         return self
@@ -96,6 +104,27 @@ class Store:
             for test_id in list(self._claims):
                 self._release(test_id)
         self._engine.dispose()
+
+    @property
+    def path(self) -> Path | None:
+        """The SQLite file; None on a server."""
+        if self._engine.dialect.name == "postgresql":
+            return None
+        return Path(str(self._url.database))
+
+    def checkpoint(self, tries: int = 1) -> bool:
+        """Take an SQLite store's -wal into its file; True when the file alone holds everything.
+
+        Each try waits for readers for a fifth of a second at the most.
+        """
+        if self.path is None:
+            return True
+        with told_as_store_error(self._where):
+            return checkpoint(self._engine, tries)
+
+    def note(self) -> str:
+        """Return where readings are that are not in this store, a line; empty: nowhere else."""
+        return ""
 
     # ---- writing ----
 
@@ -193,19 +222,41 @@ class Store:
         self._checked |= attempts
 
     def log_event(
-        self, test_id: str, run: int | None, time_s: float | None, kind: str, text: str
+        self,
+        test_id: str,
+        run: int | None,
+        time_s: float | None,
+        kind: str,
+        text: str,
+        logged_utc: str | None = None,
     ) -> None:
-        """Enter something that happened, durably; `run` None: to the test as a whole."""
+        """Enter something that happened, durably.
+
+        Parameters
+        ----------
+        test_id : str
+        run : int or None
+            None: it belongs to the test as a whole.
+        time_s : float or None
+            From the run's start, s.
+        kind, text : str
+        logged_utc : str, optional
+            When it was logged, ISO with microseconds; now if not given. An event that is there
+            already in every word, this moment among them, is not entered again.
+        """
         values = {
             "test_id": test_id,
             "run": run,
             "time_s": number_or_null(time_s),
             "kind": plain_text(kind),
             "text": plain_text(text),
-            "logged_utc": utc_now(),
+            "logged_utc": logged_utc or utc_now(),
         }
         with told_as_store_error(f"test {test_id}"), self._engine.begin() as connection:
-            connection.execute(sa.insert(schema.events), [values])
+            # whoever else enters an event of this test, perhaps the same one, waits here
+            queries.lock_test(connection, test_id)
+            if not queries.has_event(connection, values):
+                connection.execute(sa.insert(schema.events), [values])
 
     def mark_attempt(
         self,
@@ -265,7 +316,8 @@ class Store:
     ) -> None:
         """Say how a test ended, and let go of the claim on it.
 
-        A test that is finished stays so; one that was interrupted or failed may end again.
+        A run that was open in a test that is not finished ends in the same way. A test that is
+        finished stays so; one that was interrupted or failed may end again.
         """
         check_status(status)
         ending = {
@@ -280,6 +332,8 @@ class Store:
             connection.execute(
                 sa.update(schema.tests).where(schema.tests.c.id == test_id).values(ending)
             )
+            if status != "finished":
+                queries.end_open_runs(connection, test_id, status)
         self._checked.clear()
         self._release(test_id)
 
@@ -323,9 +377,9 @@ class Store:
         return False
 
     def _take(self, test_id: str, patience_s: float) -> Claim:
-        if self._engine.dialect.name == "postgresql":
+        if self.path is None:
             return ServerClaim(self._url, test_id, patience_s)
-        return FileClaim(Path(str(self._url.database)), test_id)
+        return FileClaim(self.path, test_id)
 
     def _release(self, test_id: str) -> None:
         with self._lock:

@@ -42,7 +42,7 @@ def open_existing_store(url: str | Path) -> Store:
     parsed = parse_url(url)
     if parsed.get_backend_name() == "sqlite" and not Path(str(parsed.database)).is_file():
         raise InputError(str(parsed.database), "", "no such store")
-    return open_store(url)
+    return open_store(url, existing=True)
 
 
 def export_paths(store: Store, test_id: str, path: Path) -> tuple[Path, ...]:

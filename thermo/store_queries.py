@@ -52,6 +52,45 @@ def set_run_status(connection: sa.Connection, test_id: str, number: int, status:
     )
 
 
+def end_open_runs(connection: sa.Connection, test_id: str, status: str) -> None:
+    """Give the runs of a test that are still running the status it ended with."""
+    connection.execute(
+        sa.update(run_table)
+        .where(run_table.c.test_id == test_id, run_table.c.status == "running")
+        .values(status=status)
+    )
+
+
+def lock_test(connection: sa.Connection, test_id: str) -> None:
+    """Keep others from adding to a test until the transaction ends (SQLite has one writer anyway).
+
+    Rows that refer to a test share-lock it, so this also waits for those that are on their way.
+    """
+    connection.execute(
+        sa.select(test_table.c.id).where(test_table.c.id == test_id).with_for_update()
+    )
+
+
+def has_event(connection: sa.Connection, values: Mapping[str, Any]) -> bool:
+    """Tell whether an event of these values is there."""
+    same = [
+        event_table.c[name].is_not_distinct_from(value) for name, value in values.items()
+    ]
+    return connection.execute(sa.select(sa.literal(1)).where(*same)).first() is not None
+
+
+def has_readings(connection: sa.Connection, values: Sequence[Mapping[str, Any]]) -> bool:
+    """Tell whether readings are all stored with the very values given."""
+    names = [column.name for column in reading_table.columns]
+    key = [column.name for column in reading_table.primary_key.columns]
+    for value in values:
+        where = [reading_table.c[name] == value[name] for name in key]
+        found = connection.execute(sa.select(reading_table).where(*where)).mappings().first()
+        if found is None or any(found[name] != value[name] for name in names):
+            return False
+    return True
+
+
 def need_open_attempt(
     connection: sa.Connection, test_id: str, run: int, segment: int, attempt: int
 ) -> None:
