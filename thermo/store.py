@@ -106,6 +106,11 @@ class Store:
         self._engine.dispose()
 
     @property
+    def url(self) -> sa.URL:
+        """Where it is, with the password; `thermo.store_open.shown` is for messages."""
+        return self._url
+
+    @property
     def path(self) -> Path | None:
         """The SQLite file; None on a server."""
         if self._engine.dialect.name == "postgresql":
@@ -394,6 +399,16 @@ class Store:
         with told_as_store_error(self._where), self._reader.connect() as connection:
             return queries.test(connection, test_id)
 
+    def has_test(self, test_id: str) -> bool:
+        """Tell whether there is such a test."""
+        with told_as_store_error(self._where), self._reader.connect() as connection:
+            return queries.has_test(connection, test_id)
+
+    def running_tests(self) -> tuple[str, ...]:
+        """Return the ids of the tests that are called running, whether anybody runs them or not."""
+        with told_as_store_error(self._where), self._reader.connect() as connection:
+            return queries.running_tests(connection)
+
     def tests(self) -> tuple[TestSummary, ...]:
         """Return all tests, the oldest first."""
         with told_as_store_error(self._where), self._reader.connect() as connection:
@@ -417,6 +432,16 @@ class Store:
         """
         with told_as_store_error(self._where), self._reader.connect() as connection:
             return queries.readings(connection, test_id, run)
+
+    def has_readings(self, values: Sequence[Mapping[str, Any]]) -> bool:
+        """Tell whether readings, as `thermo.store_rows.reading_values` has them, are all there."""
+        with told_as_store_error(self._where), self._reader.connect() as connection:
+            return queries.has_readings(connection, values)
+
+    def attempts(self, test_id: str) -> set[tuple[int, int, int]]:
+        """Return the attempts with readings and the voided ones, as (run, segment, attempt)."""
+        with told_as_store_error(self._where), self._reader.connect() as connection:
+            return queries.all_attempts(connection, test_id)
 
     def _clash(
         self, test_id: str, run: int, values: Sequence[Mapping[str, Any]], err: IntegrityError

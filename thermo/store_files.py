@@ -1,5 +1,6 @@
 """From a store to recorded-run files, with everything the store itself knows of their meaning."""
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,6 +11,9 @@ from thermo.recording import OutputUnit, RecordedRuns, join_runs, write_runs
 from thermo.sequence import parse_sequence
 from thermo.store import Store, export_test, open_store
 from thermo.store_open import parse_url
+from thermo.store_recover import copies, recover
+
+log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -32,6 +36,8 @@ class _Group:
 def open_existing_store(url: str | Path) -> Store:
     """Open a store to read from it; one that is not there is not made.
 
+    What earlier tests left in a spool flows in first (`thermo.store_recover`).
+
     Raises
     ------
     InputError
@@ -41,8 +47,15 @@ def open_existing_store(url: str | Path) -> Store:
     """
     parsed = parse_url(url)
     if parsed.get_backend_name() == "sqlite" and not Path(str(parsed.database)).is_file():
-        raise InputError(str(parsed.database), "", "no such store")
-    return open_store(url, existing=True)
+        made = copies(Path(str(parsed.database)))
+        hint = f"; copied when it was deleted or moved under a test: {made[-1]}" if made else ""
+        raise InputError(str(parsed.database), "", f"no such store{hint}")
+    store = open_store(url, existing=True)
+    try:
+        recover(store)
+    except StoreError as err:
+        log.warning("%s", err)
+    return store
 
 
 def export_paths(store: Store, test_id: str, path: Path) -> tuple[Path, ...]:
