@@ -6,6 +6,7 @@ import threading
 from collections.abc import Generator
 from collections.abc import Sequence as Many
 from contextlib import ExitStack, contextmanager
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from types import FrameType
@@ -20,7 +21,8 @@ from thermo.plan import make_plan
 from thermo.sequence import Sequence, load_sequence
 from thermo.station import run_test, stored_sequence
 from thermo.station_types import Observer, RunControl, TestOutcome
-from thermo.store import Store, open_store
+from thermo.store import Store
+from thermo.store_spool import open_spooled_store, patience_s
 
 __all__ = [
     "load_sequence",
@@ -93,12 +95,14 @@ def run_on_station(
             if sequence is None or config is None:
                 raise ValueError("a new test needs a sequence and a station")
             make_plan(sequence, config)  # before the store is made, so that nothing is written
-        store = stack.enter_context(open_store(store_url))
+        store = stack.enter_context(open_spooled_store(store_url))
         if resume is not None:
             config = config or _stored_station(store, resume)
             sequence = stored_sequence(store, resume, sequence)
             store.claim(resume)
+        assert sequence is not None
         assert config is not None
+        store.patience_s = patience_s(sequence.sampling.period_s, clock)
         if guard:
             wait_for_guardian(config.chamber)
         if resume is not None:
@@ -124,7 +128,7 @@ def run_on_station(
             if outcome.safe.verified:
                 while guardians:
                     guardians.pop().dismiss()
-        return outcome
+        return replace(outcome, store_note=store.settle())
 
 
 def _hand_over(guardians: list[Guardian]) -> None:

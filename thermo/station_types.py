@@ -174,6 +174,8 @@ class TestOutcome:
         Whether the head was told to stop and is not turning.
     readings, skipped, flagged : int
         Stored readings of this session, slots without any, and readings stored with a flag.
+    store_note : str
+        Where readings are that are not in the store (yet), a line; empty: they are all there.
     """
 
     __test__ = False  # not a test case, whatever pytest thinks of the name
@@ -186,6 +188,7 @@ class TestOutcome:
     readings: int = 0
     skipped: int = 0
     flagged: int = 0
+    store_note: str = ""
 
     @property
     def clean(self) -> bool:

@@ -1,24 +1,24 @@
 """The store of a running test, with the real one stopped, locked, taken away or full."""
 
-import os
-import signal
+import random
 import sqlite3
 import stat
 import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import psycopg
 import pytest
 
 from drivers.clock import ScaledClock, SteppedClock
 from errormodel.errors import StoreError
+from tests.thermo.outages import away, locked
+from thermo import store_queries as queries
 from thermo import store_spool
-from thermo.store import NewTest, ReadingRow, Store, open_store
+from thermo.store import EventRecord, NewTest, ReadingRow, Store, open_store
 from thermo.store_files import open_existing_store
 from thermo.store_log import Operation, SpoolFile
 from thermo.store_open import StoreAwayError
@@ -72,60 +72,6 @@ def wait_for(condition: Callable[[], bool]) -> None:
     while not condition():
         assert time.monotonic() < give_up_s
         time.sleep(0.01)
-
-
-@contextmanager
-def locked(file: Path) -> Iterator[None]:
-    """Another program holds the database."""
-    with sqlite3.connect(file, isolation_level=None) as db:
-        db.execute("BEGIN EXCLUSIVE")
-        yield
-        db.execute("ROLLBACK")
-    db.close()
-
-
-def server_processes(url: str) -> list[int]:
-    """The server's own process and those it has made."""
-    with psycopg.connect(url) as connection:
-        row = connection.execute("SELECT pg_backend_pid()").fetchone()
-    assert row is not None
-    parents = {}
-    for entry in Path("/proc").iterdir():
-        with suppress(OSError, ValueError, IndexError):
-            text = (entry / "stat").read_text()
-            parents[int(entry.name)] = int(text.rpartition(")")[2].split()[1])
-    server = parents[row[0]] if row[0] in parents else _parent_of(url)
-    return [server, *(pid for pid, parent in parents.items() if parent == server)]
-
-
-def _parent_of(url: str) -> int:
-    with psycopg.connect(url) as connection:
-        row = connection.execute("SELECT pg_backend_pid()").fetchone()
-        assert row is not None
-        text = Path(f"/proc/{row[0]}/stat").read_text()
-    return int(text.rpartition(")")[2].split()[1])
-
-
-@contextmanager
-def stopped(url: str) -> Iterator[None]:
-    """A server whose every process stands still, as with a disk that hangs."""
-    pids = server_processes(url)
-    for pid in pids:
-        with suppress(ProcessLookupError):
-            os.kill(pid, signal.SIGSTOP)
-    try:
-        yield
-    finally:
-        for pid in pids:
-            with suppress(ProcessLookupError):
-                os.kill(pid, signal.SIGCONT)
-
-
-@contextmanager
-def away(url: str) -> Iterator[None]:
-    """The store does not answer, whichever it is."""
-    with stopped(url) if url.startswith("postgresql") else locked(Path(url[len("sqlite:///") :])):
-        yield
 
 
 def test_what_goes_in_comes_out_without_any_spool(store_url, folder):
@@ -205,7 +151,7 @@ def test_a_test_that_ends_while_the_store_is_away_flows_in_when_it_is_opened_nex
 def test_a_test_does_not_begin_in_a_store_that_does_not_answer(store_url, folder, monkeypatch):
     monkeypatch.setattr(store_spool, "READ_PATIENCE_S", 0.5)
     with opened(store_url) as store:
-        with away(store_url), pytest.raises(StoreAwayError, match="no answer in 0.5 s"):
+        with away(store_url), pytest.raises(StoreAwayError, match=r"no answer in 0\.5 s"):
             store.begin_test(NEW)
         wait_for(lambda: _begins(store))
 
@@ -444,7 +390,7 @@ def test_patience_is_a_sampling_period_in_real_seconds_within_bounds():
 def test_a_folder_that_cannot_be_written_is_told_before_anything(file, folder, monkeypatch):
     folder.parent.mkdir(parents=True)
     folder.write_text("in the way", encoding="utf-8")
-    with pytest.raises(StoreError, match="cannot be written .*XDG_STATE_HOME"):
+    with pytest.raises(StoreError, match=r"cannot be written .*XDG_STATE_HOME"):
         opened(file)
     assert not file.exists()
 
@@ -466,3 +412,135 @@ def test_events_of_another_thread_go_in_beside_the_readings(file, folder):
         assert store.settle(GENEROUS_S) == ""
         assert slots(store, test_id) == list(range(30))
         assert [e.kind for e in store.events(test_id)].count("display") == 30
+
+
+# ---- against a store that is always there ----
+
+
+class Pair:
+    """The same operations on a spooled store that comes and goes, and on a plain one."""
+
+    def __init__(self, folder: Path, seed: int) -> None:
+        self.luck = random.Random(seed)
+        self.file = folder / "a.sqlite"
+        self.plain = open_store(folder / "b.sqlite")
+        self.store = open_spooled_store(self.file, patience_s=0.02)
+        self.ids = (self.store.begin_test(NEW), self.plain.begin_test(NEW))
+        self.outage = ExitStack()
+        self.run, self.slot, self.segment, self.attempt = 0, 0, 0, 1
+        self.begin_run()
+
+    def both(self, method: str, *arguments: object) -> None:
+        one, other = (
+            getattr(store, method)(test_id, *arguments)
+            for store, test_id in zip((self.store, self.plain), self.ids, strict=True)
+        )
+        assert one == other
+
+    def begin_run(self) -> None:
+        self.run, self.slot, self.segment, self.attempt = self.run + 1, 0, 0, 1
+        self.both("begin_run", self.run, START, 5.0)
+
+    def next_run(self) -> None:
+        self.both("finish_run", self.run, "finished")
+        self.begin_run()
+
+    def append(self) -> None:
+        self.both("append", self.run, scan(self.slot, self.attempt, self.segment))
+        self.slot += 1
+
+    def log_event(self) -> None:
+        self.both("log_event", self.run, float(self.luck.randrange(3)), "note", "again")
+
+    def next_segment(self) -> None:
+        self.segment, self.attempt = self.segment + 1, 1
+
+    def mark_attempt(self) -> None:
+        only = self.luck.choice([None, self.attempt])
+        self.both("mark_attempt", self.run, self.segment, "superseded", only)
+        self.attempt += 1
+        while self.is_void():
+            self.attempt += 1
+
+    def is_void(self) -> bool:
+        with self.plain._engine.connect() as connection:
+            made = queries.voided_attempts(connection, self.ids[1], self.run, self.segment)
+        return self.attempt in made
+
+    def go_away(self) -> None:
+        self.come_back()
+        # behind a write of the store's own that is on its way
+        self.outage.enter_context(locked(self.file))
+
+    def come_back(self) -> None:
+        self.outage.close()
+
+    def reopen(self) -> None:
+        self.come_back()
+        self.store.close()
+        self.store = open_spooled_store(self.file, patience_s=0.02)
+        self.store.claim(self.ids[0])
+        self.store.reopen_test(self.ids[0])
+        self.plain.reopen_test(self.ids[1])
+        self.both("begin_run", self.run, START)
+
+    def take_away(self) -> None:
+        self.come_back()
+        assert self.store.settle(GENEROUS_S) == ""
+        kept = self.file.with_name("moved.sqlite")
+        self.file.rename(kept)
+        self.append()
+        wait_for(lambda: self.store.path != self.file)
+        path = self.store.path
+        assert path is not None
+        self.file = path
+        self.reopen()
+
+    def check(self) -> None:
+        self.come_back()
+        self.store.settle(GENEROUS_S)
+        self.both("finish_test", "failed", "at its end", "{}")
+        self.store.settle(GENEROUS_S)
+        (a, b), stores = self.ids, (self.store, self.plain)
+        assert self.store.readings(a).equals(self.plain.readings(b))
+        one, other = (
+            [e[:4] for e in map(_words, s.events(i)) if e[2] != "store"]
+            for s, i in zip(stores, self.ids, strict=True)
+        )
+        assert one == other
+        assert self.store.test(a).runs == self.plain.test(b).runs
+        self.store.close()
+        self.plain.close()
+
+
+def _words(event: EventRecord) -> tuple[object, ...]:
+    return event.run, event.time_s, event.kind, event.text
+
+
+def same_in_the_end(folder: Path, seed: int, steps: int) -> None:
+    pair = Pair(folder, seed)
+    weights = {
+        pair.append: 10, pair.log_event: 6, pair.next_segment: 1, pair.mark_attempt: 2,
+        pair.next_run: 1, pair.go_away: 2, pair.come_back: 1, pair.reopen: 0.3,
+        pair.take_away: 0.1,
+    }  # fmt: skip
+    try:
+        for step in pair.luck.choices([*weights], [*weights.values()], k=steps):
+            step()
+        pair.check()
+    finally:
+        pair.come_back()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_store_that_comes_and_goes_holds_in_the_end_what_one_holds_that_was_always_there(
+    tmp_path, folder, seed
+):
+    same_in_the_end(tmp_path, seed, steps=80)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1800)
+@pytest.mark.parametrize("seed", range(10, 50))
+def test_many_stores_that_come_and_go(tmp_path, folder, seed):
+    same_in_the_end(tmp_path, seed, steps=150)
