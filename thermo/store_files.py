@@ -46,16 +46,25 @@ def open_existing_store(url: str | Path) -> Store:
         If it cannot be opened.
     """
     parsed = parse_url(url)
-    if parsed.get_backend_name() == "sqlite" and not Path(str(parsed.database)).is_file():
-        made = copies(Path(str(parsed.database)))
-        hint = f"; copied when it was deleted or moved under a test: {made[-1]}" if made else ""
-        raise InputError(str(parsed.database), "", f"no such store{hint}")
+    if parsed.get_backend_name() == "sqlite":
+        path = Path(str(parsed.database))
+        if not path.is_file():
+            raise InputError(path, "", f"no such store{_traces(path)}")
     store = open_store(url, existing=True)
     try:
         recover(store)
     except StoreError as err:
         log.warning("%s", err)
     return store
+
+
+def _traces(path: Path) -> str:
+    """Return what there is in place of a store that is not there."""
+    if made := copies(path):
+        return f"; copied when it was deleted or moved under a test: {made[-1]}"
+    if (wal := path.with_name(path.name + "-wal")).exists():
+        return f"; {wal} belongs to it: put the file back beside it"
+    return ""
 
 
 def export_paths(store: Store, test_id: str, path: Path) -> tuple[Path, ...]:

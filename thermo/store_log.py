@@ -116,8 +116,8 @@ def digest(url: sa.URL) -> str:
     if url.get_backend_name() == "sqlite":
         text = str(Path(str(url.database)).resolve())
     else:
-        plain = url.set(password=None, port=url.port or 5432).difference_update_query(_SECRET_PARTS)
-        text = plain.render_as_string()
+        query = {n: v for n, v in url.query.items() if n not in _SECRET_PARTS}
+        text = f"{url.username}@{url.host}:{url.port or 5432}/{url.database}?{sorted(query.items())}"
     return hashlib.sha256(text.encode()).hexdigest()[:12]
 
 

@@ -111,6 +111,8 @@ def parse_url(url: str | Path) -> sa.URL:
         return parsed.set(drivername="postgresql+psycopg")
     if kind != "sqlite":
         raise StoreError(f"{kind}: expected sqlite:///FILE or postgresql://…")
+    if parsed.host or parsed.username or parsed.password:
+        raise StoreError("a file has no user and no host: expected sqlite:///FILE")
     if parsed.database in {None, "", ":memory:"}:
         raise StoreError("sqlite in memory would lose everything: expected sqlite:///FILE")
     return parsed.set(drivername="sqlite")
