@@ -116,8 +116,8 @@ def digest(url: sa.URL) -> str:
     if url.get_backend_name() == "sqlite":
         text = str(Path(str(url.database)).resolve())
     else:
-        query = {n: v for n, v in url.query.items() if n not in _SECRET_PARTS}
-        text = f"{url.username}@{url.host}:{url.port or 5432}/{url.database}?{sorted(query.items())}"
+        query = sorted((n, v) for n, v in url.query.items() if n not in _SECRET_PARTS)
+        text = f"{url.username}@{url.host}:{url.port or 5432}/{url.database}?{query}"
     return hashlib.sha256(text.encode()).hexdigest()[:12]
 
 
