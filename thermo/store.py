@@ -5,6 +5,7 @@ rows are only added. SQLite and PostgreSQL behave alike; see docs/decisions/0003
 test writes through `thermo.store_spool`, which never waits for a store that does not answer.
 """
 
+import logging
 import secrets
 import threading
 from collections.abc import Mapping, Sequence
@@ -33,6 +34,8 @@ from thermo.store_records import (
 )
 from thermo.store_rows import check_status, json_text, number_or_null, plain_text, reading_values
 from thermo.store_sqlite import checkpoint
+
+log = logging.getLogger(__name__)
 
 __all__ = [
     "EventRecord",
@@ -369,6 +372,17 @@ class Store:
             if test_id not in self._claims:
                 self._claims[test_id] = self._take(test_id, PATIENCE_S)
         return HeldClaim(test_id, self._release)
+
+    def renew_claims(self) -> None:
+        """Take again what was lost with a broken session; a test that somebody took is told of."""
+        with self._lock:
+            for test_id, claim in self._claims.items():
+                if claim.is_lost():
+                    claim.release()
+                    try:
+                        self._claims[test_id] = self._take(test_id, PATIENCE_S)
+                    except StoreError as err:
+                        log.error("the claim was lost with the server's session: %s", err)
 
     def is_claimed(self, test_id: str) -> bool:
         """Tell whether some process runs the test now."""

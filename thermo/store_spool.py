@@ -222,6 +222,7 @@ class SpooledStore(Store):
         self._due_s = time.monotonic() + CHECKPOINT_S
         with suppress(StoreError):
             Store.checkpoint(self)
+            self.renew_claims()
 
     def _drain(self, spool: SpoolFile) -> None:
         try:
@@ -239,6 +240,7 @@ class SpooledStore(Store):
                 log.error("%s: %s", self._where, self._refused)
             spool.close(delete=not refused)
             self._spool = None
+            self._due_s = 0.0
             self._through.set()
         log.warning("%s: answers again; the spool has flowed in", self._where)
 

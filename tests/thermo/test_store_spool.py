@@ -11,6 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import psycopg
 import pytest
 
 from drivers.clock import ScaledClock, SteppedClock
@@ -376,6 +377,47 @@ def test_a_reader_in_mid_transaction_at_the_end_is_told_of(file, folder):
         assert "night.sqlite-wal holds the last readings" in store.settle()
         reader.close()
         assert store.settle() == ""
+
+
+def test_the_file_alone_is_brought_up_to_date_now_and_then(file, folder, tmp_path, monkeypatch):
+    monkeypatch.setattr(store_spool, "CHECKPOINT_S", 0.1)
+    with opened(file) as store:
+        test_id = begun(store)
+        alone = tmp_path / "alone.sqlite"
+
+        def whole() -> bool:
+            slot = len(slots(store, test_id))
+            store.append(test_id, 1, scan(slot))
+            time.sleep(0.2)
+            alone.write_bytes(file.read_bytes())
+            with open_store(alone) as copy:
+                return copy.has_test(test_id) and len(copy.readings(test_id)) == 3 * (slot + 1)
+
+        wait_for(whole)
+        store.finish_test(test_id, "interrupted", "stop")
+
+
+# ---- the server ----
+
+
+def test_broken_sessions_cost_neither_a_reading_nor_the_claim(postgres_server, folder):
+    schema = "broken"
+    with psycopg.connect(postgres_server, autocommit=True) as connection:
+        connection.execute(f"CREATE SCHEMA {schema}".encode())
+        url = f"{postgres_server}?options=-csearch_path%3D{schema}"
+        with opened(url) as store, open_store(url) as other:
+            test_id = begun(store)
+            store.append(test_id, 1, scan(0))
+            connection.execute(
+                "SELECT pg_terminate_backend(pid) FROM pg_stat_activity "
+                "WHERE pid <> pg_backend_pid() AND application_name LIKE 'accelbench%'"
+            )
+            store.append(test_id, 1, scan(1))
+            assert store.settle(GENEROUS_S) == ""
+            assert slots(store, test_id) == [0, 1]
+            store._due_s = 0.0  # at the next look, five minutes later at the most
+            wait_for(lambda: other.is_claimed(test_id))
+            store.finish_test(test_id, "interrupted", "stop")
 
 
 # ---- small things ----
