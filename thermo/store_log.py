@@ -182,7 +182,7 @@ class SpoolFile:
 
     def add(self, operation: Operation) -> None:
         """Add an operation; when this returns it is on the disk."""
-        text = json.dumps(dict(operation.arguments), allow_nan=False)
+        text = json.dumps(dict(operation.arguments))
         self._do("INSERT INTO log (call, arguments) VALUES (?, ?)", operation.call, text)
 
     def first(self) -> Entry | None:

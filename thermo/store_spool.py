@@ -1,46 +1,25 @@
 """The store of a running test: never waited for longer than a moment, and nothing lost by that.
 
-A worker thread owns the real store. Each operation is handed to it; when it does not come back in
-time, or the store cannot write, the operation and all that follow go into a log on this machine
-(`thermo.store_log`), in their order, and are acknowledged from there. The worker does them when the
-store answers again. What was given up half-way is done a second time and makes no difference.
-See docs/decisions/0009-spool.md.
+How: `thermo.store_bypass`.
 """
 
 import logging
-import threading
-import time
-from collections.abc import Callable, Sequence
-from concurrent.futures import Future
-from contextlib import suppress
-from datetime import UTC, datetime, timedelta
+from collections.abc import Sequence
+from datetime import datetime
 from functools import partial
 from pathlib import Path
-from sqlite3 import Error as SQLiteError
-from typing import Any, TypeVar
 
 import pandas as pd
-import sqlalchemy as sa
-from sqlalchemy.exc import SQLAlchemyError
 
 from drivers.clock import Clock
 from errormodel.errors import StoreError
-from thermo.store import HeldClaim, Store
-from thermo.store_claims import FileClaim
-from thermo.store_log import (
-    Operation,
-    SpoolFile,
-    apply,
-    default_folder,
-    prove_writable,
-    replay,
-    spool_path,
-)
-from thermo.store_open import StoreAwayError, open_engine, parse_url, shown
+from thermo.store import HeldClaim
+from thermo.store_bypass import READ_PATIENCE_S, BypassedStore, result_of
+from thermo.store_log import Operation, default_folder, prove_writable
+from thermo.store_open import open_engine, parse_url, shown
 from thermo.store_records import EventRecord, NewTest, ReadingRow, TestRecord, TestSummary
 from thermo.store_recover import recover
 from thermo.store_rows import check_status, number_or_null, reading_values
-from thermo.store_sqlite import Identity, checkpoint, copy_open_file, identity
 from thermo.store_worker import Worker
 
 log = logging.getLogger(__name__)
@@ -48,14 +27,9 @@ log = logging.getLogger(__name__)
 # all in real seconds
 PATIENCE_S = 2.0  # for a write
 LEAST_PATIENCE_S = 0.5  # a disk that is busy for a moment is not away
-READ_PATIENCE_S = 10.0  # for a reading back; as long as between two looks at a waiting chamber
 OPEN_PATIENCE_S = 300.0  # for an old spool to flow in, before anything is commanded
 END_PATIENCE_S = 30.0  # for the spool to flow in at the end
-CHECKPOINT_S = 300.0
-TELL_S = 300.0  # a store that comes and goes is told of once in so long
 END_TRIES = 10  # of a checkpoint
-
-Value = TypeVar("Value")
 
 
 def patience_s(period_s: float, clock: Clock) -> float:
@@ -97,198 +71,32 @@ def open_spooled_store(
     worker = Worker("store")
     try:
         opening = worker.submit(partial(open_engine, parsed))
-        engine = _result(opening, OPEN_PATIENCE_S, shown(parsed))
-        store = SpooledStore(engine, parsed, worker, folder, patience_s)
-        store.recover()
+        engine = result_of(opening, OPEN_PATIENCE_S, shown(parsed))
     except BaseException:
         worker.stop()
+        raise
+    store = SpooledStore(engine, parsed, worker, folder, patience_s)
+    try:
+        store.recover()
+    except BaseException:
+        store.close()
         raise
     return store
 
 
-def _result(future: "Future[Value]", patience_s: float, where: str) -> Value:
-    try:
-        return future.result(patience_s)
-    except TimeoutError:
-        future.cancel()  # unless it is being done
-        raise StoreAwayError(f"{where}: no answer in {patience_s:.3g} s") from None
-
-
-class SpooledStore(Store):
-    """A store whose writes come back within `patience_s`, or a reading back within ten seconds.
+class SpooledStore(BypassedStore):
+    """A store whose writes come back within `patience_s`, and whose readings within ten seconds.
 
     A write that has returned is durable in the store or in the spool. Made by
     `open_spooled_store`. A reading back shows everything that was written, or raises
     `StoreAwayError`.
     """
 
-    def __init__(
-        self, engine: sa.Engine, url: sa.URL, worker: Worker, folder: Path, patience_s: float
-    ) -> None:
-        super().__init__(engine, url)
-        self.patience_s = patience_s
-        self._worker = worker
-        self._folder = folder
-        self._order = threading.RLock()  # one write after the other
-        self._gate = threading.Lock()  # for `_spool`: held for a moment only
-        self._spool: SpoolFile | None = None
-        self._through = threading.Event()  # set: there is no spool, the store has everything
-        self._through.set()
-        self._file: Identity | None = identity(self.path) if self.path else None
-        self._attempts: set[tuple[str, int, int, int]] = set()
-        self._stamp_lock = threading.Lock()
-        self._stamp = datetime.min.replace(tzinfo=UTC)
-        self._due_s = time.monotonic() + CHECKPOINT_S
-        self._told_s = -TELL_S
-        self._why = self._moved = self._refused = self._log_left = ""
-        self._closed = self._settled = False
-        worker.idle = self._idle
-
-    # ---- in the caller's thread ----
-
-    def _do(self, operation: Operation) -> Any:
-        """Do a write; None when it went into the spool."""
-        if self._worker.is_current:
-            return apply(self, operation, again=False)
-        self._settled = False
-        with self._order:
-            if self._keep(operation):
-                return None
-            doing = self._worker.submit(partial(self._direct, operation))
-            try:
-                return _result(doing, self.patience_s, self._where)
-            except StoreAwayError as err:
-                self._begin_spooling(operation, str(err))
-                return None
-
-    def _keep(self, operation: Operation) -> bool:
-        """Add to the spool if there is one."""
-        with self._gate:
-            if self._spool is not None:
-                self._spool.add(operation)
-            return self._spool is not None
-
-    def _begin_spooling(self, operation: Operation, why: str) -> None:
-        self._why = why
-        with self._gate:
-            path = spool_path(self._folder, self._url, operation.test_id)
-            spool = SpoolFile(path, self._where)
-            try:
-                spool.add(operation)
-            except BaseException:
-                spool.close()
-                raise
-            self._through.clear()
-            self._spool = spool
-        log.warning("%s; readings go into %s until it answers", why, path)
-        if time.monotonic() - self._told_s >= TELL_S:
-            self._told_s = time.monotonic()
-            self.log_event(
-                operation.test_id, None, None, "store", f"{why}; readings go into {path}"
-            )
-
-    def _ask(self, call: Callable[[], Value], patience_s: float | None = None) -> Value:
-        """Read from the store when it has everything."""
-        if self._worker.is_current:
-            return call()
-        patience_s = READ_PATIENCE_S if patience_s is None else patience_s
-        give_up_s = time.monotonic() + patience_s
-        if not self._through.wait(patience_s):
-            raise StoreAwayError(f"{self._why}; what was written waits in a spool")
-        left_s = max(0.0, give_up_s - time.monotonic())
-        return _result(self._worker.submit(call), left_s, self._where)
-
-    # ---- in the worker ----
-
-    def _direct(self, operation: Operation) -> Any:
-        answer = apply(self, operation, again=False)
-        self._follow_file()
-        if operation.call in ("finish_run", "finish_test"):
-            self._due_s = 0.0
-        if time.monotonic() >= self._due_s:
-            self._worker.submit(self._tidy)
-        return answer
-
-    def _idle(self) -> None:
-        if self._spool is not None:
-            self._drain(self._spool)
-        elif time.monotonic() >= self._due_s:
-            self._tidy()
-        if self._closed and self._spool is None:
-            Store.close(self)
-            self._worker.stop()
-
-    def _tidy(self) -> None:
-        self._due_s = time.monotonic() + CHECKPOINT_S
-        with suppress(StoreError):
-            Store.checkpoint(self)
-            self.renew_claims()
-
-    def _drain(self, spool: SpoolFile) -> None:
-        try:
-            self._follow_file()
-            replay(self, spool, after=self._follow_file)
-        except StoreError as err:
-            self._why = str(err)
-            return
-        with self._gate:
-            waiting, refused = spool.count()
-            if waiting:
-                return
-            if refused:
-                self._refused = f"{refused} entries that it does not take are in {spool.path}"
-                log.error("%s: %s", self._where, self._refused)
-            spool.close(delete=not refused)
-            self._spool = None
-            self._due_s = 0.0
-            self._through.set()
-        log.warning("%s: answers again; the spool has flowed in", self._where)
-
-    def _follow_file(self) -> None:
-        """See that the open file is the one its path names, or go on in a copy of it."""
-        if self.path is None or self._file is None:
-            return
-        now, before = identity(self.path), self._file
-        if now == before:
-            return
-        if now[0] == before[0] and before[1] is None:
-            self._file = now  # its -wal has been made
-            return
-        self._move_to_copy(self.path)
-
-    def _move_to_copy(self, path: Path) -> None:
-        stem = f"{path.stem}.{next(iter(self._claims), 'store')}"
-        names = (self._folder / f"{stem}{n}.sqlite" for n in ("", *(f"-{k}" for k in range(1, 99))))
-        target = next(name for name in names if not name.exists())
-        old, url = self._engine, self._url.set(database=str(target))
-        try:
-            copy_open_file(old, target)
-            engine = open_engine(url, existing=True)
-        except (OSError, SQLiteError, StoreError) as err:
-            raise StoreAwayError(
-                f"{path}: was deleted, moved or replaced, and cannot be copied to {target}: {err}"
-            ) from None
-        self._turn_to(engine, url)
-        self._file = identity(target)
-        for test_id, claim in list(self._claims.items()):
-            claim.release()
-            self._claims[test_id] = FileClaim(target, test_id)
-        self._moved = (
-            f"{path} was deleted, moved or replaced while the test ran: everything is in {target}"
-        )
-        log.error("%s", self._moved)
-        with suppress(SQLAlchemyError, SQLiteError):
-            checkpoint(old)  # if it was moved, it is whole where it is now
-        old.dispose()
-        with suppress(StoreError):
-            for test_id in self._claims:
-                self.log_event(test_id, None, None, "store", self._moved)
-
     # ---- writing ----
 
     def begin_test(self, new: NewTest) -> str:
         """As `Store.begin_test`; a store that does not answer begins no test."""
-        return self._ask(partial(super().begin_test, new))
+        return self.ask(partial(super().begin_test, new))
 
     def begin_run(
         self,
@@ -301,7 +109,7 @@ class SpooledStore(Store):
         start = start_utc if isinstance(start_utc, str) else start_utc.isoformat()
         arguments = {"test_id": test_id, "number": int(number), "start_utc": start}
         arguments |= {"start_clock_s": start_clock_s}
-        self._do(Operation(call="begin_run", arguments=arguments))
+        self.do_write(Operation(call="begin_run", arguments=arguments))
 
     def append(self, test_id: str, run: int, rows: Sequence[ReadingRow]) -> None:
         """As `Store.append`."""
@@ -309,7 +117,7 @@ class SpooledStore(Store):
             return
         values = [reading_values(test_id, run, row) for row in rows]
         arguments = {"test_id": test_id, "run": int(run), "values": values}
-        self._do(Operation(call="append", arguments=arguments))
+        self.do_write(Operation(call="append", arguments=arguments))
         self._attempts |= {(test_id, int(run), v["segment"], v["attempt"]) for v in values}
 
     def log_event(
@@ -323,13 +131,8 @@ class SpooledStore(Store):
     ) -> None:
         """As `Store.log_event`; the moment tells events of the same words apart."""
         arguments = {"test_id": test_id, "run": run, "time_s": number_or_null(time_s)}
-        arguments |= {"kind": kind, "text": text, "logged_utc": logged_utc or self._next_stamp()}
-        self._do(Operation(call="log_event", arguments=arguments))
-
-    def _next_stamp(self) -> str:
-        with self._stamp_lock:
-            self._stamp = max(datetime.now(UTC), self._stamp + timedelta(microseconds=1))
-            return self._stamp.isoformat(timespec="microseconds")
+        arguments |= {"kind": kind, "text": text, "logged_utc": logged_utc or self.next_stamp()}
+        self.do_write(Operation(call="log_event", arguments=arguments))
 
     def mark_attempt(
         self,
@@ -341,7 +144,7 @@ class SpooledStore(Store):
     ) -> int:
         """As `Store.mark_attempt`; what was written by this object tells the number if need be."""
         arguments = {"test_id": test_id, "run": int(run), "segment": int(segment)}
-        number = self._do(
+        number = self.do_write(
             Operation(
                 call="mark_attempt", arguments={**arguments, "flag": flag, "attempt": attempt}
             )
@@ -356,7 +159,7 @@ class SpooledStore(Store):
     def finish_run(self, test_id: str, run: int, status: str) -> None:
         """As `Store.finish_run`."""
         arguments = {"test_id": test_id, "run": int(run), "status": check_status(status)}
-        self._do(Operation(call="finish_run", arguments=arguments))
+        self.do_write(Operation(call="finish_run", arguments=arguments))
 
     def finish_test(
         self, test_id: str, status: str, outcome: str, safe_result_json: str = ""
@@ -364,58 +167,58 @@ class SpooledStore(Store):
         """As `Store.finish_test`; the claim is kept until the store knows of the end."""
         arguments = {"test_id": test_id, "status": check_status(status), "outcome": outcome}
         arguments["safe_result_json"] = safe_result_json
-        self._do(Operation(call="finish_test", arguments=arguments))
+        self.do_write(Operation(call="finish_test", arguments=arguments))
 
     def reopen_test(self, test_id: str) -> None:
         """As `Store.reopen_test`; a store that does not answer resumes no test."""
-        self._ask(partial(super().reopen_test, test_id))
+        self.ask(partial(super().reopen_test, test_id))
 
     # ---- claims and reading: in the worker, within a bounded time ----
 
     def claim(self, test_id: str) -> HeldClaim:
         """As `Store.claim`."""
-        held = self._ask(partial(super().claim, test_id))
+        held = self.ask(partial(super().claim, test_id))
         if not self._worker.is_current:
-            known = self._ask(partial(super().attempts, test_id))
+            known = self.ask(partial(super().attempts, test_id))
             self._attempts |= {(test_id, *one) for one in known}
         return held
 
     def is_claimed(self, test_id: str) -> bool:
         """As `Store.is_claimed`."""
-        return self._ask(partial(super().is_claimed, test_id))
+        return self.ask(partial(super().is_claimed, test_id))
 
     def _release(self, test_id: str) -> None:
-        self._ask(partial(super()._release, test_id))
+        self.ask(partial(super()._release, test_id))
 
     def test(self, test_id: str) -> TestRecord:
         """As `Store.test`."""
-        return self._ask(partial(super().test, test_id))
+        return self.ask(partial(super().test, test_id))
 
     def tests(self) -> tuple[TestSummary, ...]:
         """As `Store.tests`."""
-        return self._ask(partial(super().tests))
+        return self.ask(partial(super().tests))
 
     def events(self, test_id: str) -> tuple[EventRecord, ...]:
         """As `Store.events`."""
-        return self._ask(partial(super().events, test_id))
+        return self.ask(partial(super().events, test_id))
 
     def last_reading(self, test_id: str, run: int) -> ReadingRow | None:
         """As `Store.last_reading`."""
-        return self._ask(partial(super().last_reading, test_id, run))
+        return self.ask(partial(super().last_reading, test_id, run))
 
     def readings(self, test_id: str, run: int | None = None) -> pd.DataFrame:
         """As `Store.readings`."""
-        return self._ask(partial(super().readings, test_id, run))
+        return self.ask(partial(super().readings, test_id, run))
 
     def checkpoint(self, tries: int = 1) -> bool:
         """As `Store.checkpoint`."""
-        return self._ask(partial(super().checkpoint, tries))
+        return self.ask(partial(super().checkpoint, tries))
 
     # ---- the ends ----
 
     def recover(self) -> None:
         """Let flow in what earlier tests left, and mend what they could not end."""
-        self._ask(partial(recover, self, self._folder), OPEN_PATIENCE_S)
+        self.ask(partial(recover, self, self._folder), OPEN_PATIENCE_S)
 
     def settle(self, patience_s: float = END_PATIENCE_S) -> str:
         """Wait until the store has everything and its file holds it; return `note`."""
@@ -423,8 +226,8 @@ class SpooledStore(Store):
         if not self._through.wait(patience_s):
             return self.note()
         try:
-            self._ask(self._follow_file)
-            whole = self._ask(partial(super().checkpoint, END_TRIES))
+            self.ask(self._follow_file)
+            whole = self.ask(partial(super().checkpoint, END_TRIES))
         except StoreError as err:
             log.warning("%s", err)
         else:

@@ -185,13 +185,19 @@ def copy_open_file(engine: sa.Engine, path: Path) -> None:
 
 
 def identity(path: Path) -> Identity:
-    """Return which file and which -wal the path names now; None for one that is not there."""
+    """Return which file and which -wal the path names now; None for one that is not there.
+
+    Raises
+    ------
+    OSError
+        If that cannot be told.
+    """
     return _inode(path), _inode(beside(path, "-wal"))
 
 
 def _inode(path: Path) -> tuple[int, int] | None:
     try:
         found = os.stat(path)
-    except OSError:
+    except (FileNotFoundError, NotADirectoryError):
         return None
     return found.st_dev, found.st_ino

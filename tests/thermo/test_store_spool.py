@@ -17,8 +17,8 @@ import pytest
 from drivers.clock import ScaledClock, SteppedClock
 from errormodel.errors import StoreError
 from tests.thermo.outages import away, locked
+from thermo import store_bypass, store_spool
 from thermo import store_queries as queries
-from thermo import store_spool
 from thermo.store import EventRecord, NewTest, ReadingRow, Store, open_store
 from thermo.store_files import open_existing_store
 from thermo.store_log import Operation, SpoolFile
@@ -150,7 +150,7 @@ def test_a_test_that_ends_while_the_store_is_away_flows_in_when_it_is_opened_nex
 
 
 def test_a_test_does_not_begin_in_a_store_that_does_not_answer(store_url, folder, monkeypatch):
-    monkeypatch.setattr(store_spool, "READ_PATIENCE_S", 0.5)
+    monkeypatch.setattr(store_bypass, "READ_PATIENCE_S", 0.5)
     with opened(store_url) as store:
         with away(store_url), pytest.raises(StoreAwayError, match=r"no answer in 0\.5 s"):
             store.begin_test(NEW)
@@ -166,7 +166,7 @@ def _begins(store: Store) -> bool:
 
 
 def test_reading_back_is_refused_in_time_while_the_store_is_away(file, folder, monkeypatch):
-    monkeypatch.setattr(store_spool, "READ_PATIENCE_S", 0.5)
+    monkeypatch.setattr(store_bypass, "READ_PATIENCE_S", 0.5)
     with opened(file) as store:
         test_id = begun(store)
         with locked(file):
@@ -380,7 +380,7 @@ def test_a_reader_in_mid_transaction_at_the_end_is_told_of(file, folder):
 
 
 def test_the_file_alone_is_brought_up_to_date_now_and_then(file, folder, tmp_path, monkeypatch):
-    monkeypatch.setattr(store_spool, "CHECKPOINT_S", 0.1)
+    monkeypatch.setattr(store_bypass, "CHECKPOINT_S", 0.1)
     with opened(file) as store:
         test_id = begun(store)
         alone = tmp_path / "alone.sqlite"

@@ -24,10 +24,10 @@ from thermo.store_recover import spools
 NURSERY = """
 import logging, os, random, sys, time
 import psycopg, sqlalchemy.dialects.postgresql.psycopg, sqlalchemy.dialects.sqlite.pysqlite
-from thermo import store_spool
+from thermo import store_bypass, store_spool
 from thermo.store import ReadingRow
 logging.disable()
-store_spool.TELL_S = 0.0
+store_bypass.TELL_S = 0.0
 
 def write(url, test_id, seed):
     luck = random.Random(seed)

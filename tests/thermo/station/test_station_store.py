@@ -3,7 +3,7 @@
 from contextlib import ExitStack
 
 from tests.thermo.outages import away
-from thermo import store_spool
+from thermo import store_bypass
 from thermo.station import run_test
 from thermo.store import open_store
 from thermo.store_files import open_existing_store
@@ -46,7 +46,7 @@ class Outage:
 def test_a_test_goes_on_without_its_store_and_nothing_is_lost(
     short, station, world, store_url, monkeypatch
 ):
-    monkeypatch.setattr(store_spool, "READ_PATIENCE_S", 0.5)
+    monkeypatch.setattr(store_bypass, "READ_PATIENCE_S", 0.5)
     with open_spooled_store(store_url, patience_s=PATIENCE_S) as store:
         # from the first run's ramp into the second run's, and so over the end of a run
         with Outage(world, store_url, begin=12, end=50) as outage:
@@ -70,7 +70,7 @@ def test_a_test_goes_on_without_its_store_and_nothing_is_lost(
 def test_a_limit_ends_the_test_while_the_store_is_away(
     edit_sequence, station, world, store_url, monkeypatch
 ):
-    monkeypatch.setattr(store_spool, "READ_PATIENCE_S", 0.5)
+    monkeypatch.setattr(store_bypass, "READ_PATIENCE_S", 0.5)
     sequence = edit_sequence(("[after_gap]", "[limits]\nchamber_c = [0.0, 40.0]\n[after_gap]"))
     with open_spooled_store(store_url, patience_s=PATIENCE_S) as store:
         with Outage(world, store_url, begin=12) as outage:
@@ -101,7 +101,7 @@ def test_a_limit_ends_the_test_while_the_store_is_away(
 def test_nothing_is_commanded_when_the_store_does_not_take_the_test(
     short, station, world, store_url, monkeypatch
 ):
-    monkeypatch.setattr(store_spool, "READ_PATIENCE_S", 0.5)
+    monkeypatch.setattr(store_bypass, "READ_PATIENCE_S", 0.5)
     with open_spooled_store(store_url, patience_s=PATIENCE_S) as store:
         with away(store_url):
             outcome = run_test(short, station, store, world.clock)
