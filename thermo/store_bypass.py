@@ -113,7 +113,7 @@ class BypassedStore(Store):
         self._why = why
         with self._gate:
             path = spool_path(self._folder, self._url, operation.test_id)
-            spool = SpoolFile(path, self._where)
+            spool = SpoolFile(path, self._where, patience_s=self.patience_s)
             try:
                 spool.add(operation)
             except BaseException:

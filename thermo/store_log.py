@@ -10,6 +10,7 @@ import os
 import sqlite3
 import tempfile
 import threading
+import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +22,7 @@ from errormodel.errors import StoreError
 from thermo.store import Store
 from thermo.store_open import StoreAwayError, told_as_store_error
 from thermo.store_records import QUANTITIES, ReadingRow
+from thermo.store_sqlite import inode
 
 SUFFIX = ".spool"
 _SECRET_PARTS = ("password", "passfile", "sslpassword")
@@ -134,6 +136,8 @@ class SpoolFile:
     path : Path
     where : str
         The store it is for, as messages show it; kept from the first time.
+    patience_s : float
+        Real seconds to wait for another process that has it open.
 
     Raises
     ------
@@ -141,35 +145,42 @@ class SpoolFile:
         If it cannot be made, or another process has it open.
     """
 
-    def __init__(self, path: Path, where: str = "") -> None:
+    def __init__(self, path: Path, where: str = "", *, patience_s: float = 0.0) -> None:
         self.path = path
         self._lock = threading.Lock()
+        give_up_s = time.monotonic() + patience_s
         with told_as_store_error(str(path)):
-            try:
-                os.close(os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o600))
-            except FileExistsError:
-                pass  # and not opened here: closing it would drop the lock of this process on it
-            except OSError as err:
-                raise StoreError(f"{path}: cannot be made: {err.strerror}") from None
-            db = sqlite3.connect(path, timeout=0.0, isolation_level=None, check_same_thread=False)
-            try:
-                # exclusive: held until it is closed, or its process has ended in whatever way
-                for pragma in ("locking_mode=EXCLUSIVE", "journal_mode=WAL", "synchronous=FULL"):
-                    db.execute(f"PRAGMA {pragma}").fetchone()
-                db.execute("BEGIN IMMEDIATE")
-                db.execute(
-                    "CREATE TABLE IF NOT EXISTS log (number INTEGER PRIMARY KEY AUTOINCREMENT, "
-                    "call TEXT NOT NULL, arguments TEXT NOT NULL, refused TEXT NOT NULL DEFAULT '')"
-                )
-                db.execute("CREATE TABLE IF NOT EXISTS store (shown TEXT NOT NULL)")
-                db.execute(
-                    "INSERT INTO store SELECT ? WHERE NOT EXISTS (SELECT 1 FROM store)", (where,)
-                )
-                db.execute("COMMIT")
-            except BaseException:
-                db.close()
-                raise
-        self._db = db
+            while True:
+                before = _made(path)
+                try:
+                    self._db = self._open(where)
+                except sqlite3.OperationalError:  # SQLite does not wait itself here
+                    if time.monotonic() >= give_up_s:
+                        raise
+                    time.sleep(0.02)
+                    continue
+                # who had it open before may have taken it away between the two
+                if before is not None and before == inode(path):
+                    break
+                self._db.close()
+
+    def _open(self, where: str) -> sqlite3.Connection:
+        db = sqlite3.connect(self.path, timeout=0.0, isolation_level=None, check_same_thread=False)
+        try:
+            # exclusive: held until it is closed, or its process has ended in whatever way
+            for pragma in ("locking_mode=EXCLUSIVE", "journal_mode=WAL", "synchronous=FULL"):
+                db.execute(f"PRAGMA {pragma}").fetchone()
+            db.execute("BEGIN IMMEDIATE")
+            db.execute(_LOG)
+            db.execute("CREATE TABLE IF NOT EXISTS store (shown TEXT NOT NULL)")
+            db.execute(
+                "INSERT INTO store SELECT ? WHERE NOT EXISTS (SELECT 1 FROM store)", (where,)
+            )
+            db.execute("COMMIT")
+        except BaseException:
+            db.close()
+            raise
+        return db
 
     def _do(self, statement: str, *values: Any) -> list[Any]:
         with self._lock, told_as_store_error(str(self.path)):
@@ -218,6 +229,23 @@ class SpoolFile:
                 for suffix in ("", "-wal"):
                     self.path.with_name(self.path.name + suffix).unlink(missing_ok=True)
             self._db.close()
+
+
+_LOG = (
+    "CREATE TABLE IF NOT EXISTS log (number INTEGER PRIMARY KEY AUTOINCREMENT, "
+    "call TEXT NOT NULL, arguments TEXT NOT NULL, refused TEXT NOT NULL DEFAULT '')"
+)
+
+
+def _made(path: Path) -> tuple[int, int] | None:
+    """Make a file if there is none, and return which one it is; None: it has gone again."""
+    try:
+        os.close(os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o600))
+    except FileExistsError:
+        pass  # and not opened here: closing it would drop the lock of this process on it
+    except OSError as err:
+        raise StoreError(f"{path}: cannot be made: {err.strerror}") from None
+    return inode(path)
 
 
 def replay(store: Store, spool: SpoolFile, after: Callable[[], None] = lambda: None) -> None:

@@ -192,10 +192,11 @@ def identity(path: Path) -> Identity:
     OSError
         If that cannot be told.
     """
-    return _inode(path), _inode(beside(path, "-wal"))
+    return inode(path), inode(beside(path, "-wal"))
 
 
-def _inode(path: Path) -> tuple[int, int] | None:
+def inode(path: Path) -> tuple[int, int] | None:
+    """Return which file a path names, as device and inode; None when there is none."""
     try:
         found = os.stat(path)
     except (FileNotFoundError, NotADirectoryError):

@@ -21,9 +21,10 @@ from thermo import store_bypass, store_spool
 from thermo import store_queries as queries
 from thermo.store import EventRecord, NewTest, ReadingRow, Store, open_store
 from thermo.store_files import open_existing_store
-from thermo.store_log import Operation, SpoolFile
+from thermo.store_log import Operation, SpoolFile, replay, spool_path
 from thermo.store_open import StoreAwayError
 from thermo.store_recover import recover, spools
+from thermo.store_rows import reading_values
 from thermo.store_spool import SpooledStore, open_spooled_store, patience_s
 
 NEW = NewTest("night", 'name = "night"\n', "{}")
@@ -177,6 +178,42 @@ def test_reading_back_is_refused_in_time_while_the_store_is_away(file, folder, m
         assert slots(store, test_id) == [0]
 
 
+def test_what_comes_into_the_spool_as_it_runs_dry_is_not_lost(file, folder, monkeypatch):
+    late = [scan(8), scan(9)]
+
+    def replayed(store: SpooledStore, spool: SpoolFile, after: Callable[[], None]) -> None:
+        replay(store, spool, after)
+        if late:  # between the last look into the spool and its end
+            values = [reading_values(test_id, 1, row) for row in late.pop()]
+            arguments = {"test_id": test_id, "run": 1, "values": values}
+            assert store._keep(Operation(call="append", arguments=arguments))
+
+    monkeypatch.setattr(store_bypass, "replay", replayed)
+    with opened(file) as store:
+        test_id = begun(store)
+        with locked(file):
+            store.append(test_id, 1, scan(0))
+        assert store.settle(GENEROUS_S) == ""
+        assert slots(store, test_id) == [0, 8, 9]
+
+
+def test_a_spool_that_was_taken_away_while_it_was_waited_for_is_made_anew(tmp_path):
+    path = tmp_path / "x.T.spool"
+    first = SpoolFile(path, "somewhere")
+    waiting: list[SpoolFile] = []
+    thread = threading.Thread(target=lambda: waiting.append(SpoolFile(path, patience_s=GENEROUS_S)))
+    thread.start()
+    time.sleep(0.2)  # it waits for the lock; were it slower, there would be nothing to see
+    first.close(delete=True)
+    thread.join()
+    waiting[0].add(Operation(call="finish_test", arguments={"test_id": "T"}))
+    assert path.exists()
+    waiting[0].close()
+    with sqlite3.connect(path) as db:
+        assert db.execute("SELECT count(*) FROM log").fetchone() == (1,)
+    db.close()
+
+
 def test_two_stores_in_one_process_do_not_share_a_spool(tmp_path, folder):
     files = [tmp_path / "a.sqlite", tmp_path / "b.sqlite"]
     with opened(files[0]) as a, opened(files[1]) as b:
@@ -259,9 +296,6 @@ def test_a_spool_is_not_taken_into_a_copy_of_its_store_but_into_the_moved_file(
 
 def left(store: Store, folder: Path, test_id: str, numbers: list[int]) -> None:
     """Leave a spool as a killed process does."""
-    from thermo.store_log import spool_path
-    from thermo.store_rows import reading_values
-
     spool = SpoolFile(spool_path(folder, store.url, test_id), str(store.path))
     for slot in numbers:
         values = [reading_values(test_id, 1, row) for row in scan(slot)]

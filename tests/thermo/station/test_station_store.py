@@ -2,9 +2,15 @@
 
 from contextlib import ExitStack
 
+import pytest
+
+from errormodel.errors import InputError
 from tests.thermo.outages import away
+from tests.thermo.station.test_station_faults import SEQUENCE
 from thermo import store_bypass
+from thermo.sequence import parse_sequence
 from thermo.station import run_test
+from thermo.station_emulated import run_emulated
 from thermo.store import open_store
 from thermo.store_files import open_existing_store
 from thermo.store_spool import open_spooled_store
@@ -145,3 +151,34 @@ def test_an_interrupted_test_resumes_with_what_was_left_in_the_spool(
     valid = frame[frame["voided"] == ""]
     assert len(valid) == 2 * 2 * 28
     assert not valid.duplicated(["run", "slot", "serial"]).any()
+
+
+class Deleting:
+    """An observer under whose hands the store's file goes."""
+
+    def __init__(self, file) -> None:
+        self._file = file
+
+    def on_reading(self, run, rows) -> None:
+        if rows[0].slot == 9:
+            self._file.unlink()
+
+    def on_progress(self, progress) -> None:
+        pass
+
+    def on_event(self, event) -> None:
+        pass
+
+
+def test_the_outcome_says_where_the_readings_of_a_deleted_store_are(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    file = tmp_path / "night.sqlite"
+    outcome = run_emulated(parse_sequence(SEQUENCE), file, observers=[Deleting(file)])
+    assert outcome.status == "finished", outcome
+    copy = tmp_path / f"state/accelbench/spool/night.{outcome.test_id}.sqlite"
+    assert f"everything is in {copy}" in outcome.store_note
+    with open_existing_store(copy) as store:
+        assert len(store.readings(outcome.test_id)) == outcome.readings > 20
+        assert store.test(outcome.test_id).status == "finished"
+    with pytest.raises(InputError, match=f"no such store; copied when .*{copy.name}"):
+        open_existing_store(file)
