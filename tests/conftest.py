@@ -1,4 +1,4 @@
-"""For all tests."""
+"""What holds for every test: nothing is written into the user's own folders."""
 
 from collections.abc import Iterator
 
@@ -7,7 +7,7 @@ import pytest
 
 @pytest.fixture(scope="session", autouse=True)
 def own_state_folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Keep the notes on commanded chambers out of the user's own folder."""
+    """Keep spools and notes on chambers out of the user's folders; subprocesses inherit it."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_STATE_HOME", str(tmp_path_factory.mktemp("state")))
         yield

@@ -275,12 +275,12 @@ def _held_out(
         return None
     residual_ug = np.empty(len(everything.record))
     record = everything.record.with_only(model.needs)  # parts of it are then small
-    for number, rows in enumerate(record.run_slices):
+    for rows in record.run_slices:
+        mine = np.arange(len(record))[rows]
         try:
-            others = np.delete(np.arange(len(record)), rows)
-            seen = record.take(others)
+            seen = record.take(np.delete(np.arange(len(record)), mine))
             values = fit_values(model, seen, start=result.as_dict())
         except NotSeparableError:
             return None  # this run alone carries some coefficient: it cannot be predicted
-        residual_ug[rows] = _left_ug(model, record.take(np.arange(rows.start, rows.stop)), values)
+        residual_ug[rows] = _left_ug(model, record.take(mine), values)
     return summarise(everything, residual_ug)

@@ -12,7 +12,7 @@ import socket
 from drivers.modbus import parse_url
 from drivers.multimeter import AUTOZERO, LINE_PERIOD_S, REPLY_BYTES, SETTLE_S
 from drivers.station import StationConfig
-from thermo.store_open import BUSY_TIMEOUT_S
+from thermo.store_bypass import READ_PATIENCE_S
 
 # questions between two beats while the chamber is recognised, looked at or made safe: the
 # longest such call reads about as many registers and writes none
@@ -27,7 +27,7 @@ SERIAL_LIMITS = 5
 HEAD_QUESTIONS = 4  # a move: position, command, errors, position again
 
 
-def longest_step_s(config: StationConfig, store_s: float = BUSY_TIMEOUT_S) -> float:
+def longest_step_s(config: StationConfig, store_s: float = READ_PATIENCE_S) -> float:
     """Return the longest time that may pass between two beats while everything is in order.
 
     Every question may need all its attempts, each as long as it is allowed to be.

@@ -35,6 +35,7 @@ from thermo.station_types import (
     TestOutcome,
 )
 from thermo.store import NewTest, Store
+from thermo.store_open import StoreAwayError
 from thermo.uniformity import judge_test
 
 log = logging.getLogger(__name__)
@@ -288,9 +289,17 @@ class _Test:
             run.finish()
             self._store.finish_run(self._test_id, number, "finished")
             journal.event("run finished", f"run {number} of {plan.runs}")
-            for verdict in judge_test(plan, self._store.readings(self._test_id, number)):
-                journal.event("ramp", verdict.sentence)
+            self._judge_ramps(session, number)
         return self._decide(session, plan.runs).reason
+
+    def _judge_ramps(self, session: Session, number: int) -> None:
+        try:
+            readings = self._store.readings(self._test_id, number)
+        except StoreAwayError as err:  # no reason to end the test: they can be judged later
+            session.journal.event("ramp", f"run {number} is not judged now: {err}")
+            return
+        for verdict in judge_test(self._plan, readings):
+            session.journal.event("ramp", verdict.sentence)
 
     def _approach(self, session: Session, left_s: float) -> None:
         programme = self._plan.sequence.temperature
@@ -354,18 +363,11 @@ class _Test:
             )
             for name, device in self._station.devices.items():
                 session.journal.event("link", f"{name}: {device.counters}")
-            self._mark_open_runs(end.status)
             self._store.finish_test(self._test_id, end.status, end.reason, safe_json(safe))
         except BaseException as err:
             log.exception("the end of test %s could not be stored", self._test_id)
             return f"{end.reason}; not stored: {one_line(err)}"
         return end.reason
-
-    def _mark_open_runs(self, status: Status) -> None:
-        if status != "finished":
-            for run in self._store.test(self._test_id).runs:
-                if run.status == "running":
-                    self._store.finish_run(self._test_id, run.number, status)
 
 
 def _versions() -> dict[str, str]:

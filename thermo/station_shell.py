@@ -26,7 +26,8 @@ from thermo.sequence import Sequence, load_sequence
 from thermo.station import run_test, stored_sequence
 from thermo.station_session import no_heartbeat
 from thermo.station_types import Observer, RunControl, TestOutcome
-from thermo.store import Store, open_store
+from thermo.store import Store
+from thermo.store_spool import open_spooled_store, patience_s
 
 __all__ = [
     "load_sequence",
@@ -111,12 +112,14 @@ def run_on_station(
             if sequence is None or config is None:
                 raise ValueError("a new test needs a sequence and a station")
             make_plan(sequence, config)  # before the store is made, so that nothing is written
-        store = stack.enter_context(open_store(store_url))
+        store = stack.enter_context(open_spooled_store(store_url))
         if resume is not None:
             config = config or _stored_station(store, resume)
             sequence = stored_sequence(store, resume, sequence)
             store.claim(resume)
+        assert sequence is not None
         assert config is not None
+        store.patience_s = patience_s(sequence.sampling.period_s, clock)
         sitting = None
         if guard:  # before anything is opened or written
             sitting = stack.enter_context(
@@ -147,7 +150,8 @@ def run_on_station(
                 take_over=take_over,
                 heartbeat=no_heartbeat if sitting is None else sitting.beat,
             )
-            return outcome if sitting is None else _end_sitting(sitting, outcome)
+            outcome = outcome if sitting is None else _end_sitting(sitting, outcome)
+        return replace(outcome, store_note=store.settle())
 
 
 def _end_sitting(sitting: Guard, outcome: TestOutcome) -> TestOutcome:

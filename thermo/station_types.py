@@ -203,6 +203,8 @@ class TestOutcome:
         Stored readings of this session, slots without any, and readings stored with a flag.
     complaints : tuple of str
         Why a test that ran to its end is not to be trusted as it is.
+    store_note : str
+        Where readings are that are not in the store (yet), a line; empty: they are all there.
     """
 
     __test__ = False  # not a test case, whatever pytest thinks of the name
@@ -216,6 +218,7 @@ class TestOutcome:
     skipped: int = 0
     flagged: int = 0
     complaints: tuple[str, ...] = ()
+    store_note: str = ""
 
     @property
     def clean(self) -> bool:

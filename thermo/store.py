@@ -1,9 +1,11 @@
 """The store: tests, runs and readings that survive the process that wrote them.
 
 A reading is acknowledged when `Store.append` returns: it is then on the disk, in a table to which
-rows are only added. SQLite and PostgreSQL behave alike; see docs/decisions/0003-store.md.
+rows are only added. SQLite and PostgreSQL behave alike; see docs/decisions/0003-store.md. A running
+test writes through `thermo.store_spool`, which never waits for a store that does not answer.
 """
 
+import logging
 import secrets
 import threading
 from collections.abc import Generator, Mapping, Sequence
@@ -11,7 +13,7 @@ from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, Self
 
 import pandas as pd
 import sqlalchemy as sa
@@ -32,6 +34,9 @@ from thermo.store_records import (
     TestSummary,
 )
 from thermo.store_rows import check_status, json_text, number_or_null, plain_text, reading_values
+from thermo.store_sqlite import checkpoint
+
+log = logging.getLogger(__name__)
 
 __all__ = [
     "EventRecord",
@@ -47,13 +52,15 @@ __all__ = [
 ]
 
 
-def open_store(url: str | Path) -> "Store":
+def open_store(url: str | Path, *, existing: bool = False) -> "Store":
     """Open a store, and make it when there is none.
 
     Parameters
     ----------
     url : str
         A file name, ``sqlite:///FILE`` or ``postgresql://USER@HOST/DATABASE``.
+    existing : bool
+        Whether it is to hold a store already; an empty file is refused then.
 
     Raises
     ------
@@ -62,7 +69,7 @@ def open_store(url: str | Path) -> "Store":
         nothing was changed.
     """
     parsed = parse_url(url)
-    return Store(open_engine(parsed), parsed)
+    return Store(open_engine(parsed, existing=existing), parsed)
 
 
 class Store:
@@ -72,15 +79,19 @@ class Store:
     """
 
     def __init__(self, engine: sa.Engine, url: sa.URL) -> None:
-        self._engine = engine
-        self._reader = engine.execution_options(reading=True)
-        self._url = url
-        self._where = shown(url)
+        self._turn_to(engine, url)
         self._lock = threading.RLock()
         self._claims: dict[str, Claim] = {}
         self._checked: set[tuple[str, int, int, int]] = set()
 
-    def __enter__(self) -> "Store":
+    def _turn_to(self, engine: sa.Engine, url: sa.URL) -> None:
+        """Take this database for the store from now on."""
+        self._engine = engine
+        self._reader = engine.execution_options(reading=True)
+        self._url = url
+        self._where = shown(url)
+
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(
@@ -97,6 +108,32 @@ class Store:
             for test_id in list(self._claims):
                 self._release(test_id)
         self._engine.dispose()
+
+    @property
+    def url(self) -> sa.URL:
+        """Where it is, with the password; `thermo.store_open.shown` is for messages."""
+        return self._url
+
+    @property
+    def path(self) -> Path | None:
+        """The SQLite file; None on a server."""
+        if self._engine.dialect.name == "postgresql":
+            return None
+        return Path(str(self._url.database))
+
+    def checkpoint(self, tries: int = 1) -> bool:
+        """Take an SQLite store's -wal into its file; True when the file alone holds everything.
+
+        Each try waits for readers for a fifth of a second at the most.
+        """
+        if self.path is None:
+            return True
+        with told_as_store_error(self._where):
+            return checkpoint(self._engine, tries)
+
+    def note(self) -> str:
+        """Return where readings are that are not in this store, a line; empty: nowhere else."""
+        return ""
 
     # ---- writing ----
 
@@ -194,19 +231,41 @@ class Store:
         self._checked |= attempts
 
     def log_event(
-        self, test_id: str, run: int | None, time_s: float | None, kind: str, text: str
+        self,
+        test_id: str,
+        run: int | None,
+        time_s: float | None,
+        kind: str,
+        text: str,
+        logged_utc: str | None = None,
     ) -> None:
-        """Enter something that happened, durably; `run` None: to the test as a whole."""
+        """Enter something that happened, durably.
+
+        Parameters
+        ----------
+        test_id : str
+        run : int or None
+            None: it belongs to the test as a whole.
+        time_s : float or None
+            From the run's start, s.
+        kind, text : str
+        logged_utc : str, optional
+            When it was logged, ISO with microseconds; now if not given. An event that is there
+            already in every word, this moment among them, is not entered again.
+        """
         values = {
             "test_id": test_id,
             "run": run,
             "time_s": number_or_null(time_s),
             "kind": plain_text(kind),
             "text": plain_text(text),
-            "logged_utc": utc_now(),
+            "logged_utc": logged_utc or utc_now(),
         }
         with told_as_store_error(f"test {test_id}"), self._engine.begin() as connection:
-            connection.execute(sa.insert(schema.events), [values])
+            # whoever else enters an event of this test, perhaps the same one, waits here
+            queries.lock_test(connection, test_id)
+            if not queries.has_event(connection, values):
+                connection.execute(sa.insert(schema.events), [values])
 
     def mark_attempt(
         self,
@@ -266,7 +325,8 @@ class Store:
     ) -> None:
         """Say how a test ended, and let go of the claim on it.
 
-        A test that is finished stays so; one that was interrupted or failed may end again.
+        A run that was open in a test that is not finished ends in the same way. A test that is
+        finished stays so; one that was interrupted or failed may end again.
         """
         check_status(status)
         ending = {
@@ -281,6 +341,8 @@ class Store:
             connection.execute(
                 sa.update(schema.tests).where(schema.tests.c.id == test_id).values(ending)
             )
+            if status != "finished":
+                queries.end_open_runs(connection, test_id, status)
         self._checked.clear()
         self._release(test_id)
 
@@ -312,6 +374,17 @@ class Store:
                 self._claims[test_id] = self._take(test_id, PATIENCE_S)
         return HeldClaim(test_id, self._release)
 
+    def renew_claims(self) -> None:
+        """Take again what was lost with a broken session; a test that somebody took is told of."""
+        with self._lock:
+            for test_id, claim in self._claims.items():
+                if claim.is_lost():
+                    claim.release()
+                    try:
+                        self._claims[test_id] = self._take(test_id, PATIENCE_S)
+                    except StoreError as err:
+                        log.error("the claim was lost with the server's session: %s", err)
+
     def is_claimed(self, test_id: str) -> bool:
         """Tell whether some process runs the test now."""
         with self._lock:
@@ -324,9 +397,9 @@ class Store:
         return False
 
     def _take(self, test_id: str, patience_s: float) -> Claim:
-        if self._engine.dialect.name == "postgresql":
+        if self.path is None:
             return ServerClaim(self._url, test_id, patience_s)
-        return FileClaim(Path(str(self._url.database)), test_id)
+        return FileClaim(self.path, test_id)
 
     def _release(self, test_id: str) -> None:
         with self._lock:
@@ -340,6 +413,16 @@ class Store:
         """Return a test with its runs."""
         with told_as_store_error(self._where), self._reader.connect() as connection:
             return queries.test(connection, test_id)
+
+    def has_test(self, test_id: str) -> bool:
+        """Tell whether there is such a test."""
+        with told_as_store_error(self._where), self._reader.connect() as connection:
+            return queries.has_test(connection, test_id)
+
+    def running_tests(self) -> tuple[str, ...]:
+        """Return the ids of the tests that are called running, whether anybody runs them or not."""
+        with told_as_store_error(self._where), self._reader.connect() as connection:
+            return queries.running_tests(connection)
 
     def tests(self) -> tuple[TestSummary, ...]:
         """Return all tests, the oldest first."""
@@ -372,6 +455,16 @@ class Store:
             if connection.dialect.name == "postgresql":
                 connection = connection.execution_options(isolation_level="REPEATABLE READ")
             yield connection
+
+    def has_readings(self, values: Sequence[Mapping[str, Any]]) -> bool:
+        """Tell whether readings, as `thermo.store_rows.reading_values` has them, are all there."""
+        with told_as_store_error(self._where), self._reader.connect() as connection:
+            return queries.has_readings(connection, values)
+
+    def attempts(self, test_id: str) -> set[tuple[int, int, int]]:
+        """Return the attempts with readings and the voided ones, as (run, segment, attempt)."""
+        with told_as_store_error(self._where), self._reader.connect() as connection:
+            return queries.all_attempts(connection, test_id)
 
     def _clash(
         self, test_id: str, run: int, values: Sequence[Mapping[str, Any]], err: IntegrityError

@@ -15,6 +15,7 @@ from types import TracebackType
 from typing import Protocol
 
 import sqlalchemy as sa
+from sqlalchemy.exc import SQLAlchemyError
 
 from errormodel.errors import StoreError
 from thermo.store_open import session_engine, told_as_store_error
@@ -24,6 +25,10 @@ PATIENCE_S = 2.0  # the server takes a moment to see that a client has died
 
 class Claim(Protocol):
     """The right to run a test, held until it is released or the process ends."""
+
+    def is_lost(self) -> bool:
+        """Tell whether it has gone without having been released."""
+        ...
 
     def release(self) -> None:
         """Let go; harmless when done twice."""
@@ -60,6 +65,10 @@ class FileClaim:
         except FileNotFoundError:
             return False
 
+    def is_lost(self) -> bool:
+        """Tell whether it has gone: never, the file is locked as long as this process lives."""
+        return False
+
     def release(self) -> None:
         """Let go; harmless when done twice."""
         if self._file is not None:
@@ -90,6 +99,16 @@ class ServerClaim:
                 connection.close()
                 raise
         self._connection = connection
+
+    def is_lost(self) -> bool:
+        """Tell whether the session has been broken, and the lock with it."""
+        if self._connection is None:
+            return False
+        try:
+            self._connection.execute(sa.select(1))
+        except SQLAlchemyError:
+            return True
+        return False
 
     def release(self) -> None:
         """Let go; harmless when done twice."""

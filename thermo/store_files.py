@@ -1,5 +1,6 @@
 """From a store to recorded-run files, with everything the store itself knows of their meaning."""
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +13,10 @@ from thermo.recording_summary import RecordingSummary
 from thermo.sequence import parse_sequence
 from thermo.store import Store, export_test, open_store
 from thermo.store_open import parse_url
+from thermo.store_recover import copies, recover
 from thermo.store_stream import export_in_pieces
+
+log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -35,6 +39,8 @@ class _Group:
 def open_existing_store(url: str | Path) -> Store:
     """Open a store to read from it; one that is not there is not made.
 
+    What earlier tests left in a spool flows in first (`thermo.store_recover`).
+
     Raises
     ------
     InputError
@@ -43,9 +49,25 @@ def open_existing_store(url: str | Path) -> Store:
         If it cannot be opened.
     """
     parsed = parse_url(url)
-    if parsed.get_backend_name() == "sqlite" and not Path(str(parsed.database)).is_file():
-        raise InputError(str(parsed.database), "", "no such store")
-    return open_store(url)
+    if parsed.get_backend_name() == "sqlite":
+        path = Path(str(parsed.database))
+        if not path.is_file():
+            raise InputError(path, "", f"no such store{_traces(path)}")
+    store = open_store(url, existing=True)
+    try:
+        recover(store)
+    except StoreError as err:
+        log.warning("%s", err)
+    return store
+
+
+def _traces(path: Path) -> str:
+    """Return what there is in place of a store that is not there."""
+    if made := copies(path):
+        return f"; copied when it was deleted or moved under a test: {made[-1]}"
+    if (wal := path.with_name(path.name + "-wal")).exists():
+        return f"; {wal} belongs to it: put the file back beside it"
+    return ""
 
 
 def export_paths(store: Store, test_id: str, path: Path) -> tuple[Path, ...]:

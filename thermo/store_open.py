@@ -1,32 +1,57 @@
 """Opening a store's database so that a commit means: it is on the disk.
 
-SQLite: write-ahead log, synchronous=FULL, foreign keys, and a busy timeout; a file is looked at
-without being written before it is opened in earnest. PostgreSQL: synchronous_commit.
+SQLite: `thermo.store_sqlite`. PostgreSQL: synchronous_commit, and a time limit on everything that
+can be waited for. No message shows a password.
 """
 
 import logging
 import os
+import re
 import socket
 import sqlite3
-import time
 from collections.abc import Generator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import sqlalchemy as sa
 from sqlalchemy import event
-from sqlalchemy.exc import ArgumentError, DBAPIError, SQLAlchemyError
+from sqlalchemy.exc import ArgumentError, DataError, DBAPIError, IntegrityError, SQLAlchemyError
 
 from errormodel.errors import StoreError
 from thermo import store_schema as schema
+from thermo.store_sqlite import look_before_opening, sqlite_engine
 
 log = logging.getLogger(__name__)
 
-BUSY_TIMEOUT_S = 30.0
-SQLITE_MAGIC = b"SQLite format 3\0"
 SCHEMA_LOCK = 0x0ACCE1  # PostgreSQL advisory lock: one process at a time makes the tables
+
+# libpq's own limits, for a host that is gone; a server that is only stopped answers none of them
+CONNECTING = {
+    "connect_timeout": 10,  # s
+    "tcp_user_timeout": 20_000,  # ms that sent bytes may stay unacknowledged
+    "keepalives_idle": 10,  # s
+    "keepalives_interval": 5,  # s
+    "keepalives_count": 3,
+}
+# the server's limits, s: a statement, a wait for somebody's lock, a transaction left open
+SESSION = {
+    "statement_timeout": "300s",
+    "lock_timeout": "10s",
+    "idle_in_transaction_session_timeout": "60s",
+    "tcp_keepalives_idle": "30s",  # a dead host's claim is let go
+    "synchronous_commit": "on",  # a commit that has returned is on the disk, whatever the default
+}
+
+# what a URL's query may show; all else can carry a secret (password, sslpassword, options, …)
+_SHOWN = {"host", "hostaddr", "port", "dbname", "user", "sslmode", "connect_timeout"}
+_MASK = "***"
+_secrets: set[str] = set()  # of every URL that was parsed: drivers repeat pieces of it
+
+
+class StoreAwayError(StoreError):
+    """The store does not answer, or cannot write now; it may later."""
 
 
 def utc_now() -> str:
@@ -35,20 +60,26 @@ def utc_now() -> str:
 
 
 def one_line(err: BaseException) -> str:
-    """Return the first line of what a driver said."""
+    """Return the first line of what a driver said, without any password."""
     cause = err.orig if isinstance(err, DBAPIError) and err.orig is not None else err
-    return (str(cause).strip().splitlines() or [type(cause).__name__])[0]
+    line = (str(cause).strip().splitlines() or [type(cause).__name__])[0]
+    for secret in sorted(_secrets, key=len, reverse=True):
+        line = re.sub(rf"(?<!\w){re.escape(secret)}(?!\w)", _MASK, line)
+    return line
 
 
 @contextmanager
 def told_as_store_error(where: str) -> Generator[None]:
-    """Turn what the database says into a `StoreError` of one line."""
+    """Turn what the database says into a `StoreError` of one line.
+
+    Refused values are one; everything else a database can say means that it is away.
+    """
     try:
         yield
-    except SQLAlchemyError as err:
+    except (IntegrityError, DataError, OverflowError, sqlite3.IntegrityError) as err:
         raise StoreError(f"{where}: {one_line(err)}") from err
-    except (sqlite3.Error, OverflowError) as err:
-        raise StoreError(f"{where}: {one_line(err)}") from err
+    except (SQLAlchemyError, sqlite3.Error) as err:
+        raise StoreAwayError(f"{where}: {one_line(err)}") from err
 
 
 def parse_url(url: str | Path) -> sa.URL:
@@ -63,6 +94,9 @@ def parse_url(url: str | Path) -> sa.URL:
     if "://" not in text:
         if not text or text == ":memory:" or "\0" in text:
             raise StoreError(f"{text!r}: expected a file name or a database URL")
+        if _LIKE_A_SERVER.search(text):  # not shown: it may hold a password
+            raise StoreError("the store is no file name: expected FILE, sqlite:///FILE or "
+                             "postgresql://USER@HOST/DATABASE")  # fmt: skip
         return sa.URL.create("sqlite", database=text)
     try:
         parsed = sa.make_url(text)
@@ -71,16 +105,51 @@ def parse_url(url: str | Path) -> sa.URL:
                          ) from None  # fmt: skip
     kind = parsed.drivername.split("+")[0]
     if kind in {"postgresql", "postgres"}:
+        if "@" in f"{parsed.host}{parsed.database}":
+            raise StoreError("the store's URL has a second @: write the one of a password as %40")
+        _secrets.update(_secrets_of(parsed))
         return parsed.set(drivername="postgresql+psycopg")
     if kind != "sqlite":
         raise StoreError(f"{kind}: expected sqlite:///FILE or postgresql://…")
+    if parsed.host or parsed.username or parsed.password:
+        raise StoreError("a file has no user and no host: expected sqlite:///FILE")
     if parsed.database in {None, "", ":memory:"}:
         raise StoreError("sqlite in memory would lose everything: expected sqlite:///FILE")
     return parsed.set(drivername="sqlite")
 
 
-def open_engine(url: sa.URL) -> sa.Engine:
+_LIKE_A_SERVER = re.compile(r"^(postgres(ql)?|sqlite)(\+\w+)?:|\b(password|passfile)\s*=|\w:[^/]*@")
+
+
+def _secrets_of(url: sa.URL) -> set[str]:
+    hidden = {str(url.password)} if url.password else set[str]()
+    for name, value in url.query.items():
+        if name not in _SHOWN:
+            hidden |= {value} if isinstance(value, str) else set(value)
+    return hidden - {""}
+
+
+def shown(url: sa.URL | str | Path) -> str:
+    """Return a store for messages: the file, or the URL without password or other secrets."""
+    if not isinstance(url, sa.URL):
+        if "://" not in str(url):
+            return str(url)
+        url = parse_url(url)
+    if url.get_backend_name() == "sqlite":
+        return str(url.database)
+    query = {name: value if name in _SHOWN else _MASK for name, value in url.query.items()}
+    masked = url.set(drivername="postgresql", query={n: v for n, v in sorted(query.items())})
+    return masked.render_as_string(hide_password=True).replace("%2A%2A%2A", _MASK)
+
+
+def open_engine(url: sa.URL, *, existing: bool = False) -> sa.Engine:
     """Open the database and make the tables when it is new.
+
+    Parameters
+    ----------
+    url : sa.URL
+    existing : bool
+        Whether it is to hold a store already.
 
     Raises
     ------
@@ -89,8 +158,11 @@ def open_engine(url: sa.URL) -> sa.Engine:
     """
     where = shown(url)
     if url.get_backend_name() == "sqlite":
-        _look_before_opening(Path(str(url.database)))
-        engine = _sqlite_engine(url)
+        path = Path(str(url.database))
+        look_before_opening(path, existing=existing)
+        if not path.exists() or path.stat().st_size == 0:
+            _make_tables_in_file(url, where)
+        engine = sqlite_engine(url)
     else:
         engine = _postgres_engine(url)
     try:
@@ -102,79 +174,13 @@ def open_engine(url: sa.URL) -> sa.Engine:
     return engine
 
 
-def shown(url: sa.URL) -> str:
-    """Return the database for messages, without its password."""
-    if url.get_backend_name() == "sqlite":
-        return str(url.database)
-    return url.render_as_string(hide_password=True)
-
-
-def _look_before_opening(path: Path) -> None:
-    """Refuse a file that is not a sound SQLite database, and leave it as it is."""
-    if not path.parent.is_dir():
-        raise StoreError(f"{path}: no such folder")
-    if path.is_dir():
-        raise StoreError(f"{path}: a folder, expected a file")
+def _make_tables_in_file(url: sa.URL, where: str) -> None:
+    engine = sqlite_engine(url, write_ahead=False)
     try:
-        size = path.stat().st_size if path.exists() else 0
-        if size == 0:
-            return
-        with open(path, "rb") as file:
-            magic = file.read(len(SQLITE_MAGIC))
-    except OSError as err:
-        raise StoreError(f"{path}: cannot be read: {err.strerror}") from None
-    if magic != SQLITE_MAGIC:
-        raise StoreError(f"{path}: not a store (no SQLite file); nothing was changed")
-    try:
-        with _read_only(path) as db:
-            verdict = str(db.execute("PRAGMA quick_check(1)").fetchone()[0])
-            tables = {row[0] for row in db.execute("SELECT name FROM sqlite_master")}
-    except sqlite3.Error as err:
-        verdict, tables = str(err), set[str]()
-    if verdict != "ok":
-        raise StoreError(f"{path}: damaged ({one_line(ValueError(verdict))}); nothing was changed")
-    if tables and schema.schema_version.name not in tables:
-        raise StoreError(f"{path}: not a store (it has other tables); nothing was changed")
-
-
-@contextmanager
-def _read_only(path: Path) -> Generator[sqlite3.Connection]:
-    db = sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True, timeout=BUSY_TIMEOUT_S)
-    try:
-        yield db
+        with told_as_store_error(where):
+            _make_or_check_tables(engine, where)
     finally:
-        db.close()
-
-
-def _sqlite_engine(url: sa.URL) -> sa.Engine:
-    engine = sa.create_engine(url, connect_args={"timeout": BUSY_TIMEOUT_S})
-
-    def on_connect(db: sqlite3.Connection, _: Any) -> None:
-        db.isolation_level = None  # transactions are begun below, not guessed by the module
-        _write_ahead(db)
-        for pragma in ("synchronous=FULL", "fullfsync=ON", "foreign_keys=ON"):
-            db.execute(f"PRAGMA {pragma}").close()
-
-    def on_begin(connection: sa.Connection) -> None:
-        # a writer takes its lock at once: one that turns from reader to writer can be refused
-        reading = connection.get_execution_options().get("reading", False)
-        connection.exec_driver_sql("BEGIN" if reading else "BEGIN IMMEDIATE")
-
-    event.listen(engine, "connect", on_connect)
-    event.listen(engine, "begin", on_begin)
-    return engine
-
-
-def _write_ahead(db: sqlite3.Connection) -> None:
-    """Switch to the write-ahead log; SQLite does not wait for others there, so this does."""
-    deadline_s = time.monotonic() + BUSY_TIMEOUT_S
-    while True:
-        with suppress(sqlite3.OperationalError):
-            if db.execute("PRAGMA journal_mode=WAL").fetchone()[0] == "wal":
-                return
-        if time.monotonic() > deadline_s:
-            raise sqlite3.OperationalError("cannot switch to the write-ahead log")
-        time.sleep(0.01)
+        engine.dispose()
 
 
 def session_engine(url: sa.URL) -> sa.Engine:
@@ -189,16 +195,17 @@ def _postgres_engine(url: sa.URL, **options: Any) -> sa.Engine:
             url,
             pool_pre_ping=True,
             **options,
-            connect_args={"application_name": label, "connect_timeout": 10},
+            connect_args={
+                "application_name": label,
+                **{name: limit for name, limit in CONNECTING.items() if name not in url.query},
+            },
         )
     except ImportError:
         raise StoreError(f"{shown(url)}: needs psycopg: install accelbench[postgres]") from None
 
     def on_connect(db: Any, _: Any) -> None:
         with db.cursor() as cursor:
-            # a commit that has returned is on the server's disk, whatever the server's default
-            cursor.execute("SET synchronous_commit = on")
-            cursor.execute("SET tcp_keepalives_idle = 30")  # a dead host's claim is let go
+            cursor.execute("; ".join(f"SET {name} = '{value}'" for name, value in SESSION.items()))
         db.commit()
 
     event.listen(engine, "connect", on_connect)

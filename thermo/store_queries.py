@@ -48,6 +48,21 @@ def need_test(connection: sa.Connection, test_id: str) -> Mapping[str, Any]:
     return {str(name): value for name, value in found.items()}
 
 
+def has_test(connection: sa.Connection, test_id: str) -> bool:
+    """Tell whether there is a test of this id."""
+    query = sa.select(test_table.c.id).where(test_table.c.id == test_id)
+    return connection.execute(query).first() is not None
+
+
+def running_tests(connection: sa.Connection) -> tuple[str, ...]:
+    """Return the ids of the tests whose status is running, the oldest first."""
+    t = test_table.c
+    found = connection.execute(
+        sa.select(t.id).where(t.status == "running").order_by(t.created_utc, t.id)
+    )
+    return tuple(found.scalars())
+
+
 def run_status(connection: sa.Connection, test_id: str, number: int) -> str | None:
     """Return a run's status; None when it has not begun."""
     return connection.execute(
@@ -64,6 +79,43 @@ def set_run_status(connection: sa.Connection, test_id: str, number: int, status:
         .where(run_table.c.test_id == test_id, run_table.c.number == int(number))
         .values(status=status)
     )
+
+
+def end_open_runs(connection: sa.Connection, test_id: str, status: str) -> None:
+    """Give the runs of a test that are still running the status it ended with."""
+    connection.execute(
+        sa.update(run_table)
+        .where(run_table.c.test_id == test_id, run_table.c.status == "running")
+        .values(status=status)
+    )
+
+
+def lock_test(connection: sa.Connection, test_id: str) -> None:
+    """Keep others from adding to a test until the transaction ends (SQLite has one writer anyway).
+
+    Rows that refer to a test share-lock it, so this also waits for those that are on their way.
+    """
+    connection.execute(
+        sa.select(test_table.c.id).where(test_table.c.id == test_id).with_for_update()
+    )
+
+
+def has_event(connection: sa.Connection, values: Mapping[str, Any]) -> bool:
+    """Tell whether an event of these values is there."""
+    same = [event_table.c[name].is_not_distinct_from(value) for name, value in values.items()]
+    return connection.execute(sa.select(sa.literal(1)).where(*same)).first() is not None
+
+
+def has_readings(connection: sa.Connection, values: Sequence[Mapping[str, Any]]) -> bool:
+    """Tell whether readings are all stored with the very values given."""
+    names = [column.name for column in reading_table.columns]
+    key = [column.name for column in reading_table.primary_key.columns]
+    for value in values:
+        where = [reading_table.c[name] == value[name] for name in key]
+        found = connection.execute(sa.select(reading_table).where(*where)).mappings().first()
+        if found is None or any(found[name] != value[name] for name in names):
+            return False
+    return True
 
 
 def need_open_attempt(
@@ -91,6 +143,17 @@ def attempts(connection: sa.Connection, test_id: str, run: int, segment: int) ->
         .distinct()
     )
     return set(found.scalars())
+
+
+def all_attempts(connection: sa.Connection, test_id: str) -> set[tuple[int, int, int]]:
+    """Return a test's attempts, with readings or voided, as (run, segment, attempt)."""
+    return {
+        (row.run, row.segment, row.attempt)
+        for t in (reading_table.c, voided_table.c)
+        for row in connection.execute(
+            sa.select(t.run, t.segment, t.attempt).where(t.test_id == test_id).distinct()
+        )
+    }
 
 
 def voided_attempts(connection: sa.Connection, test_id: str, run: int, segment: int) -> set[int]:

@@ -22,7 +22,7 @@ from thermo.station_emulated import default_station, run_emulated
 from thermo.station_shell import load_station, run_on_station
 from thermo.station_types import Observer, TestOutcome
 from thermo.store_files import export_recorded, open_existing_store
-from thermo.store_open import parse_url
+from thermo.store_open import parse_url, shown
 from thermo.uniformity import RampVerdict, judge_test
 from workbench.commands_store import store_option
 from workbench.console import emit
@@ -162,7 +162,7 @@ def _stored(store: str, test_id: str) -> tuple[TestSequence, StationConfig]:
 def _check_store(store: str) -> None:
     path = _file_of(store)
     if path is not None and not path.resolve().parent.is_dir():
-        raise InputError(store, "--store", "its folder does not exist")
+        raise InputError(shown(store), "--store", "its folder does not exist")
 
 
 def _run(job: _Job, observers: Sequence[Observer]) -> TestOutcome:
@@ -269,7 +269,8 @@ def _document(
             }
             for v in live.values()
         ],
-        "store": store,
+        "store": shown(store),
+        "store_note": outcome.store_note,
         "exported": list(exported),
     }
 
@@ -298,9 +299,11 @@ def _text(
 ) -> list[str]:
     lines = [f"test {outcome.test_id or '(not begun)'} {outcome.status}: {outcome.reason}"]
     lines.append(
-        f"{outcome.readings} readings stored in {store}, {outcome.skipped} slots without a "
+        f"{outcome.readings} readings stored in {shown(store)}, {outcome.skipped} slots without a "
         f"reading, {outcome.flagged} readings flagged"
     )
+    if outcome.store_note:
+        lines.append(f"store: {outcome.store_note}")
     lines += [f"complaint: {text}" for text in outcome.complaints]
     if outcome.safe.commanded:
         safe = "verified" if outcome.safe.verified else "NOT VERIFIED: see to the chamber"
@@ -310,5 +313,7 @@ def _text(
     lines += [v.sentence for v in verdicts]
     lines += [f"recorded run: {path}" for path in exported]
     if outcome.status != "finished" and outcome.test_id:
-        lines.append(f"go on with: accelbench run --resume {outcome.test_id} --store {store}")
+        lines.append(
+            f"go on with: accelbench run --resume {outcome.test_id} --store {shown(store)}"
+        )
     return lines

@@ -16,6 +16,7 @@ from thermo.guardian_results import pending_results
 from thermo.station_emulated import emulated
 from thermo.station_shell import load_station
 from thermo.store_files import export_paths, export_recorded, open_existing_store
+from thermo.store_recover import warnings
 from workbench.console import emit, table
 from workbench.outputs import checked_run_output, force_option, json_option
 from workbench.recording_text import recording_document, recording_text
@@ -35,12 +36,16 @@ store_option = click.option(
 def runs(store: str, as_json: bool) -> None:
     """List the tests in a store.
 
-    In Python: thermo.store.Store.tests.
+    What a test could not bring into it flows in first. Files that belong to it and were left
+    behind are warned of. In Python: thermo.store.Store.tests, thermo.store_recover.warnings.
     """
     with open_existing_store(store) as opened:
         tests = opened.tests()
     ids = {t.id for t in tests}
     left = [r for r in pending_results(store) if r.test_id in ids]
+    left_behind = warnings(store)
+    for line in left_behind:
+        click.echo(f"warning: {line}", err=True)
     made = table("id", "name", "status", "runs", "readings", "outcome", right=("runs", "readings"))
     for t in tests:
         made.add_row(t.id, t.name, t.status, str(t.runs), str(t.readings), t.outcome)
@@ -66,6 +71,7 @@ def runs(store: str, as_json: bool) -> None:
             }
             for r in left
         ],
+        "warnings": list(left_behind),
     }
     lines = [
         Text(f"guardian of {r.test_id}: {r.text}", style="bold red" if r.needs_help else "")
