@@ -21,7 +21,7 @@ from workbench.console import emit
 from workbench.demo import HIDDEN, DemoResult, demo_sequence, fresh_folder, run_demo
 from workbench.fit_output import fit_document, summary_part
 from workbench.outputs import json_option
-from workbench.progress import ProgressView
+from workbench.progress import watching
 
 
 @click.command()
@@ -71,9 +71,9 @@ def demo(out: Path, hidden: str | None, speed: float | None, seed: int, as_json:
     plan = make_plan(sequence, default_station(sequence))
     folder = fresh_folder(out)
     live = LiveEstimate({a.serial: a.nominal_scale for a in sequence.accelerometers})
-    with ProgressView(plan.total_s, live) as view:
+    with watching(plan.total_s, live) as watch:
         result = run_demo(
-            folder, sequence=sequence, speed=speed, observers=(live, view), tell=view.tell
+            folder, sequence=sequence, speed=speed, observers=watch.observers, tell=watch.tell
         )
     emit(_document(result), _text(result), as_json=as_json)
     return exit_code(result.outcome, result.verdicts)
@@ -90,8 +90,8 @@ def _hidden(out: Path, effect: str, speed: float | None, seed: int, as_json: boo
     @contextmanager
     def watch(sequence: Sequence) -> Generator[tuple[Observer, ...]]:
         plan = make_plan(sequence, default_station(sequence))
-        with ProgressView(plan.total_s) as view:
-            yield (view,)
+        with watching(plan.total_s) as watched:
+            yield watched.observers
 
     result = run_hidden_demo(fresh_folder(out), effect, watch=watch, seed=seed, tell=_tell)
     emit(hidden_document(result), hidden_text(result), as_json=as_json)

@@ -28,7 +28,7 @@ from workbench.commands_store import store_option
 from workbench.console import emit
 from workbench.dry_run import foresee_plan, plan_document, plan_text
 from workbench.outputs import checked_run_output, force_option, json_option
-from workbench.progress import ProgressView
+from workbench.progress import watching
 from workbench.run_in_output import run_in_document, run_in_text
 
 DONE, FAILED = 0, 1
@@ -94,8 +94,8 @@ def run(
         {a.serial: a.nominal_scale for a in job.sequence.accelerometers},
         mount_deg={a.serial: a.mount_deg for a in job.sequence.accelerometers},
     )
-    with ProgressView(plan.total_s, live) as view:
-        outcome = _run(job, (live, view))
+    with watching(plan.total_s, live) as watch:
+        outcome = _run(job, watch.observers)
     verdicts, exported = _after(job, plan, outcome, out)
     settled = _run_in(job, outcome)
     document = _document(outcome, verdicts, exported, store, live)
