@@ -47,6 +47,7 @@ class Worker:
         # re-entrant, for a signal's handler may hand something over, too
         self._changed = threading.Condition()
         self._idle = True
+        self._failed = False
         self._moved_s = time.monotonic()
         self._thread = threading.Thread(target=self._work, name=name, daemon=True)
         self._thread.start()
@@ -122,7 +123,10 @@ class Worker:
         try:
             call()
         except Exception:
-            log.warning("%s: a call failed", self._thread.name, exc_info=True)
+            # once: the warning itself may be what cannot be shown
+            if not self._failed:
+                self._failed = True
+                log.warning("%s: a call failed", self._thread.name, exc_info=True)
         self.moved()
 
 

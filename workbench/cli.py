@@ -102,7 +102,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _run(argv: list[str], shell: Shell) -> tuple[int, str]:
     """Return the exit code, and a complaint when there is one."""
     try:
-        result = accelbench.main(args=argv, prog_name="accelbench", standalone_mode=False, obj=shell)
+        result = accelbench.main(
+            args=argv, prog_name="accelbench", standalone_mode=False, obj=shell
+        )
         return (result if isinstance(result, int) else DONE), ""
     except click.exceptions.NoArgsIsHelpError as err:
         click.echo(err.ctx.get_help())
