@@ -100,7 +100,7 @@ class Shell:
         else:
             self.late_signals.release()
         terminal = self.terminal
-        written = terminal.drain()
+        written = terminal.drain(CLOSE_S)
         if complaint := terminal.out.channel.complaint:
             code = MISUSE if code == DONE and terminal.worker is None else code
             click.echo(f"accelbench: {complaint}", err=True)

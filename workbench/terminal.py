@@ -16,7 +16,7 @@ import threading
 from collections.abc import Callable, Mapping
 from typing import TextIO
 
-from thermo.detached import CLOSE_S, Kind, Worker, counted
+from thermo.detached import Kind, Worker, counted
 
 PIECE = 4096  # bytes written at a time: whoever reads slowly is seen to move
 # a terminal that was hung up; of a file EIO is a fault of its disk
@@ -206,7 +206,7 @@ class Terminal:
                 signal.signal(signal.SIGTTOU, signal.SIG_IGN)
         return self.worker
 
-    def drain(self, still_s: float = CLOSE_S) -> bool:
+    def drain(self, still_s: float) -> bool:
         """Write what is left, and return whether all of it was.
 
         Parameters
@@ -218,7 +218,7 @@ class Terminal:
         self.err.flush()
         return all([worker.drain(still_s) for worker in self._workers])
 
-    def close(self, still_s: float = CLOSE_S) -> bool:
+    def close(self, still_s: float) -> bool:
         """Write what is left as `drain` does, and end the threads."""
         self.drain(still_s)
         return all([worker.close(still_s) for worker in self._workers])
