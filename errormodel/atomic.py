@@ -9,6 +9,11 @@ from pathlib import Path
 from errormodel.errors import InputError
 
 
+def draft_name(path: Path) -> Path:
+    """Return a name beside a file for as long as it is being written."""
+    return path.with_name(f".{path.name}.{secrets.token_hex(4)}.part")
+
+
 @contextmanager
 def written_together(paths: Sequence[Path]) -> Generator[tuple[Path, ...]]:
     """Give names to write to; when all went well they are flushed and become `paths`.
@@ -28,7 +33,7 @@ def written_together(paths: Sequence[Path]) -> Generator[tuple[Path, ...]]:
     InputError
         If one cannot be written; the others are then as they were before.
     """
-    drafts = tuple(p.with_name(f".{p.name}.{secrets.token_hex(4)}.part") for p in paths)
+    drafts = tuple(draft_name(p) for p in paths)
     with ExitStack() as pending:
         for draft in drafts:
             pending.callback(_forget, draft)

@@ -15,7 +15,7 @@ import logging
 import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Literal, Protocol, runtime_checkable
 
 from drivers.devices import SafeResult
 from errormodel.errors import WorkbenchError
@@ -114,7 +114,11 @@ GO_ON = Decision()
 
 
 class Observer(Protocol):
-    """Somebody who watches a test; what goes wrong in it never stops the test."""
+    """Somebody who watches a test; what goes wrong in it never stops the test.
+
+    It is called in the test's own thread and returns at once: what may take its time, or wait for
+    anybody, is wrapped in a `thermo.detached.DetachedObserver`.
+    """
 
     def on_reading(self, run: int, rows: Sequence[ReadingRow]) -> None:
         """See one scan, after it has been stored."""
@@ -129,12 +133,29 @@ class Observer(Protocol):
         ...
 
 
+@runtime_checkable
+class CanBeLost(Protocol):
+    """An observer that shows a test to somebody, and knows when it no longer can."""
+
+    @property
+    def lost(self) -> str:
+        """Why nothing is shown any more; empty as long as it is."""
+        ...
+
+
 class Observers:
     """Tells every observer; the first failure of each is logged and no more is heard of it."""
 
     def __init__(self, observers: Sequence[Observer]) -> None:
         self._observers = tuple(observers)
         self._failed: set[int] = set()
+        self._displays = [o for o in self._observers if isinstance(o, CanBeLost)]
+
+    def newly_lost(self) -> list[str]:
+        """Return why displays were lost since this was last asked."""
+        lost = [display for display in self._displays if display.lost]
+        self._displays = [display for display in self._displays if display not in lost]
+        return [display.lost for display in lost]
 
     def tell(self, call: Callable[[Observer], None]) -> None:
         """Make one call on each observer."""

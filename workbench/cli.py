@@ -15,11 +15,9 @@ import click
 
 from drivers.errors import InstrumentError
 from errormodel.errors import WorkbenchError
-from workbench.console import HeldWarnings
 from workbench.lazy import LazyGroup
-
-DONE, FAILED, MISUSE = 0, 1, 2
-
+from workbench.shell import DONE, FAILED, MISUSE, Shell
+from workbench.terminal import Terminal, open_closed_descriptors
 
 # name: module, attribute, what it does
 COMMANDS = {
@@ -48,8 +46,8 @@ class _StoppedError(Exception):
     """Ctrl-C, without the line that click adds to it."""
 
 
-class _ReaderGoneError(Exception):
-    """A broken pipe, without the exit that click makes of it."""
+class _PipeError(Exception):
+    """A broken pipe, without the exit that click makes of it; never that of a standard stream."""
 
 
 class _Commands(LazyGroup):
@@ -62,8 +60,8 @@ class _Commands(LazyGroup):
             return super().invoke(ctx)
         except KeyboardInterrupt:
             raise _StoppedError from None
-        except BrokenPipeError:
-            raise _ReaderGoneError from None
+        except BrokenPipeError as err:
+            raise _PipeError(f"{err.filename or 'pipe'}: {err.strerror or err}") from err
 
 
 @click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"]})
@@ -89,24 +87,25 @@ def main(argv: Sequence[str] | None = None) -> int:
     int
         0 done, 1 a criterion failed, 2 misuse or bad input.
     """
+    if argv is None:
+        open_closed_descriptors()
     # the matrices here are long and narrow: more threads only wait for one another
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    for stream in (sys.stdout, sys.stderr):
-        with contextlib.suppress(AttributeError, OSError):
-            stream.reconfigure(errors="backslashreplace")  # type: ignore[union-attr]
-    with _warnings_held() as held:
-        code, complaint = _run(list(sys.argv[1:] if argv is None else argv), held)
+    with Terminal() as terminal, _warnings_held(Shell(terminal)) as shell:
+        code, complaint = _run(list(sys.argv[1:] if argv is None else argv), shell)
         if code != MISUSE:
-            held.go_live()
-    if complaint:
-        click.echo(f"accelbench: {' '.join(complaint.split())}", err=True)
-    return code
+            shell.held.go_live()
+        if complaint:
+            click.echo(f"accelbench: {' '.join(complaint.split())}", err=True)
+        return shell.end(code, program=argv is None)
 
 
-def _run(argv: list[str], held: HeldWarnings) -> tuple[int, str]:
+def _run(argv: list[str], shell: Shell) -> tuple[int, str]:
     """Return the exit code, and a complaint when there is one."""
     try:
-        result = accelbench.main(args=argv, prog_name="accelbench", standalone_mode=False, obj=held)
+        result = accelbench.main(
+            args=argv, prog_name="accelbench", standalone_mode=False, obj=shell
+        )
         return (result if isinstance(result, int) else DONE), ""
     except click.exceptions.NoArgsIsHelpError as err:
         click.echo(err.ctx.get_help())
@@ -120,9 +119,8 @@ def _run(argv: list[str], held: HeldWarnings) -> tuple[int, str]:
         return MISUSE, str(err)
     except (_StoppedError, KeyboardInterrupt, click.Abort):
         return FAILED, "stopped"
-    except (_ReaderGoneError, BrokenPipeError):
-        _leave_pipe()
-        return DONE, ""
+    except _PipeError as err:
+        return MISUSE, str(err)
     except OSError as err:
         return MISUSE, f"{err.filename or 'file'}: {err.strerror or err}"
     except MemoryError:
@@ -134,20 +132,14 @@ def _run(argv: list[str], held: HeldWarnings) -> tuple[int, str]:
         return MISUSE, f"error of the program: {what:.300} (ACCELBENCH_TRACEBACK=1 shows where)"
 
 
-def _leave_pipe() -> None:
-    """Whoever read us has gone: give the interpreter nothing to flush into the broken pipe."""
-    with contextlib.suppress(OSError, ValueError):
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-
-
 @contextlib.contextmanager
-def _warnings_held() -> Generator[HeldWarnings]:
-    root, held = logging.getLogger(), HeldWarnings()
+def _warnings_held(shell: Shell) -> Generator[Shell]:
+    root, held = logging.getLogger(), shell.held
     root.addHandler(held)
     before = warnings.showwarning
     logging.captureWarnings(True)
     try:
-        yield held
+        yield shell
     finally:
         root.removeHandler(held)
         logging.captureWarnings(False)

@@ -21,7 +21,7 @@ from thermo.modelfile import ModelFile, read_model
 from workbench.chamber_models import chamber_model, three_serials
 from workbench.combine_output import combined_text
 from workbench.combined_file import CombinedResult, make_combined
-from workbench.console import emit, show_warnings_at_once
+from workbench.console import emit
 from workbench.outputs import (
     REPORT_NAME,
     check_results,
@@ -30,6 +30,7 @@ from workbench.outputs import (
     with_sidecars,
 )
 from workbench.rig_options import asked_groups
+from workbench.shell import show_warnings_at_once
 
 FAILED = 1
 

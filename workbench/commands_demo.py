@@ -16,12 +16,14 @@ from thermo.planted import plantable
 from thermo.sequence import Sequence
 from thermo.station_emulated import default_station
 from thermo.station_types import Observer
-from workbench.commands_run import exit_code, uniformity_document
+from workbench.commands_run import exit_code
 from workbench.console import emit
 from workbench.demo import HIDDEN, DemoResult, demo_sequence, fresh_folder, run_demo
 from workbench.fit_output import fit_document, summary_part
 from workbench.outputs import json_option
-from workbench.progress import ProgressView
+from workbench.progress import watching
+from workbench.run_output import uniformity_document
+from workbench.shell import current_shell
 
 
 @click.command()
@@ -63,6 +65,8 @@ def demo(out: Path, hidden: str | None, speed: float | None, seed: int, as_json:
     measured, named by `discrepancy` from the recorded file, and the larger model is emulated beside
     the next run. In Python: workbench.demo_hidden.run_hidden_demo.
     """
+    shell = current_shell()
+    shell.terminal.detach()
     if hidden is None and seed != 1:
         raise InputError("demo", "--seed", "belongs to the demonstration with --hidden")
     if hidden is not None:
@@ -71,9 +75,15 @@ def demo(out: Path, hidden: str | None, speed: float | None, seed: int, as_json:
     plan = make_plan(sequence, default_station(sequence))
     folder = fresh_folder(out)
     live = LiveEstimate({a.serial: a.nominal_scale for a in sequence.accelerometers})
-    with ProgressView(plan.total_s, live) as view:
+    shell.late_signals.install()
+    with watching(plan.total_s, live) as watch:
+
+        def tell(text: str) -> None:
+            shell.late_signals.release()  # the test is over and was finished
+            watch.tell(text)
+
         result = run_demo(
-            folder, sequence=sequence, speed=speed, observers=(live, view), tell=view.tell
+            folder, sequence=sequence, speed=speed, observers=watch.observers, tell=tell
         )
     emit(_document(result), _text(result), as_json=as_json)
     return exit_code(result.outcome, result.verdicts)
@@ -90,8 +100,8 @@ def _hidden(out: Path, effect: str, speed: float | None, seed: int, as_json: boo
     @contextmanager
     def watch(sequence: Sequence) -> Generator[tuple[Observer, ...]]:
         plan = make_plan(sequence, default_station(sequence))
-        with ProgressView(plan.total_s) as view:
-            yield (view,)
+        with watching(plan.total_s) as watched:
+            yield watched.observers
 
     result = run_hidden_demo(fresh_folder(out), effect, watch=watch, seed=seed, tell=_tell)
     emit(hidden_document(result), hidden_text(result), as_json=as_json)

@@ -19,7 +19,7 @@ from sinscal.rig_model_file import RigModelFile, read_rig_model
 from sinscal.run import NavRun, RigRun
 from sinscal.run_join import join_runs
 from workbench.combined_file import CombinedResult, read_calibration
-from workbench.console import emit, show_warnings_at_once
+from workbench.console import emit
 from workbench.outputs import (
     Results,
     check_results,
@@ -30,6 +30,7 @@ from workbench.outputs import (
 )
 from workbench.rig_calibrate_output import calibration_document, calibration_text
 from workbench.rig_options import asked_groups
+from workbench.shell import show_warnings_at_once
 
 FAILED = 1
 NAVIGATION = "navigation"

@@ -1,9 +1,11 @@
 """`accelbench run`: a chamber test on instruments, or on emulated ones."""
 
-from collections.abc import Sequence
+import logging
+import shlex
+from collections.abc import Generator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import click
 
@@ -27,9 +29,12 @@ from thermo.uniformity import RampVerdict, judge_test
 from workbench.commands_store import store_option
 from workbench.console import emit
 from workbench.dry_run import foresee_plan, plan_document, plan_text
-from workbench.outputs import checked_run_output, force_option, json_option
-from workbench.progress import ProgressView
-from workbench.run_in_output import run_in_document, run_in_text
+from workbench.outputs import checked_run_output, force_option, json_option, prove_writable
+from workbench.progress import watching
+from workbench.run_output import Afterwards, run_document, run_text
+from workbench.shell import current_shell
+
+log = logging.getLogger(__name__)
 
 DONE, FAILED = 0, 1
 
@@ -84,6 +89,9 @@ def run(
     that somebody else uses is refused (exit code 2) unless --take-over says so. In Python:
     thermo.station_shell.run_on_station, thermo.station_emulated.run_emulated.
     """
+    shell = current_shell()
+    if not dry_run:
+        shell.terminal.detach()
     inputs = [p for p in (sequence, station) if p is not None]
     if out is not None:
         checked_run_output(out, inputs, force=force)
@@ -100,17 +108,16 @@ def run(
         {a.serial: a.nominal_scale for a in job.sequence.accelerometers},
         mount_deg={a.serial: a.mount_deg for a in job.sequence.accelerometers},
     )
-    with ProgressView(plan.total_s, live) as view:
-        outcome = _run(job, (live, view))
-    verdicts, exported = _after(job, plan, outcome, out)
-    settled = _run_in(job, outcome)
-    document = _document(outcome, verdicts, exported, store, live)
-    document["run_in"] = None if settled is None else run_in_document(settled)
-    text = [*_text(outcome, verdicts, exported, store), *run_in_text(settled or ())]
-    emit(document, text, as_json=as_json)
-    if settled is not None and not (settled and all(v.settled for v in settled)):
+    shell.late_signals.install()
+    with watching(plan.total_s, live) as watch:
+        outcome = _run(job, watch.observers)
+    after = _afterwards(job, plan, outcome, out)
+    where = shown(parse_url(store))
+    document = run_document(outcome, after, where, live)
+    emit(document, run_text(outcome, after, where), as_json=as_json)
+    if after.problems or not after.all_settled:
         return FAILED
-    return exit_code(outcome, verdicts)
+    return exit_code(outcome, after.verdicts)
 
 
 def exit_code(outcome: TestOutcome, verdicts: Sequence[RampVerdict]) -> int:
@@ -161,8 +168,11 @@ def _stored(store: str, test_id: str) -> tuple[TestSequence, StationConfig]:
 
 def _check_store(store: str) -> None:
     path = _file_of(store)
-    if path is not None and not path.resolve().parent.is_dir():
+    if path is None:
+        return
+    if not path.resolve().parent.is_dir():
         raise InputError(shown(store), "--store", "its folder does not exist")
+    prove_writable(path)
 
 
 def _run(job: _Job, observers: Sequence[Observer]) -> TestOutcome:
@@ -210,110 +220,44 @@ def _forget_empty(path: Path) -> None:
             path.with_name(path.name + suffix).unlink(missing_ok=True)
 
 
-def _after(
-    job: _Job, plan: Plan, outcome: TestOutcome, out: Path | None
-) -> tuple[tuple[RampVerdict, ...], list[str]]:
-    """Judge the ramps of a test that finished, and export what there is."""
+def _afterwards(job: _Job, plan: Plan, outcome: TestOutcome, out: Path | None) -> Afterwards:
+    """Judge and export what there is; what goes wrong in it must never hide how the test ended."""
+    done, problems = Afterwards(), list[str]()
+
+    @contextmanager
+    def told(what: str) -> Generator[None]:
+        try:
+            yield
+        except Exception as err:
+            log.info("%s", what, exc_info=True)
+            problems.append(f"{what}: {' '.join(str(err).split()) or type(err).__name__}")
+
     if not outcome.test_id:
-        return (), []
-    with open_existing_store(job.store) as store:
-        readings = store.readings(outcome.test_id)
-        verdicts = judge_test(plan, readings) if outcome.status == "finished" else ()
-        if out is None or readings.empty:
-            return verdicts, []
-        exported = export_recorded(store, outcome.test_id, out)
-    return verdicts, [str(e.path) for e in exported]
+        return done
+    if outcome.status == "finished":
+        with told("ramps not judged"), open_existing_store(job.store) as store:
+            done = replace(done, verdicts=judge_test(plan, store.readings(outcome.test_id)))
+        with told("run-in not judged"):
+            done = replace(done, settled=_run_in(job, outcome))
+    if out is not None:
+        with told(f"not exported to {out}"), open_existing_store(job.store) as store:
+            if not any(t.readings for t in store.tests() if t.id == outcome.test_id):
+                return replace(done, problems=tuple(problems))
+            exported = export_recorded(store, outcome.test_id, out)
+            done = replace(done, exported=tuple(str(e.path) for e in exported))
+        if not done.exported:
+            store_shown = shown(parse_url(job.store))
+            again = ("export", outcome.test_id, "--store", store_shown, "--out", str(out))
+            problems.append(f"get the readings with: accelbench {shlex.join(again)}")
+    return replace(done, problems=tuple(problems))
 
 
 def _run_in(job: _Job, outcome: TestOutcome) -> tuple[RunInVerdict, ...] | None:
     """Judge a run-in that ran to its end; None when there was none, empty when it cannot be."""
-    if job.sequence.run_in is None or outcome.status != "finished":
+    if job.sequence.run_in is None:
         return None
     with open_existing_store(job.store) as store:
         try:
             return judge_stored(store, outcome.test_id, job.sequence.run_in)
         except WorkbenchError:
             return ()  # the reason of the test's end tells why
-
-
-def _document(
-    outcome: TestOutcome,
-    verdicts: Sequence[RampVerdict],
-    exported: Sequence[str],
-    store: str,
-    live: LiveEstimate,
-) -> dict[str, Any]:
-    return {
-        "test_id": outcome.test_id,
-        "status": outcome.status,
-        "reason": outcome.reason,
-        "readings": outcome.readings,
-        "skipped": outcome.skipped,
-        "flagged": outcome.flagged,
-        "safe": {
-            "verified": outcome.safe.verified,
-            "commanded": outcome.safe.commanded,
-            "steps": list(outcome.safe.steps),
-        },
-        "head_stopped": outcome.head_stopped,
-        "complaints": list(outcome.complaints),
-        "uniformity": [uniformity_document(v) for v in verdicts],
-        "live": [
-            {
-                "serial": v.serial,
-                "temp_c": v.temp_c,
-                "k0_ug": v.k0_ug,
-                "k0_sigma_ug": v.k0_sigma_ug,
-                "k1_relative": v.k1,
-                "k1_sigma_ppm": v.k1_sigma_ppm,
-            }
-            for v in live.values()
-        ],
-        "store": shown(store),
-        "store_note": outcome.store_note,
-        "exported": list(exported),
-    }
-
-
-def uniformity_document(v: RampVerdict) -> dict[str, Any]:
-    """Return one ramp's verdict for JSON; rates in °C/min."""
-    return {
-        "serial": v.serial,
-        "run": v.run,
-        "segment": v.segment,
-        "commanded_c_per_min": v.commanded,
-        "measured_c_per_min": v.measured,
-        "measured_sigma_c_per_min": v.measured_sigma,
-        "share_inside": v.share_inside,
-        "half_band_c_per_min": v.half_band,
-        "readings": v.readings,
-        "passed": v.passed,
-        "sins_rate_c_per_min": v.sins_rate,
-        "mismatch_percent": v.mismatch_percent,
-        "sentence": v.sentence,
-    }
-
-
-def _text(
-    outcome: TestOutcome, verdicts: Sequence[RampVerdict], exported: Sequence[str], store: str
-) -> list[str]:
-    lines = [f"test {outcome.test_id or '(not begun)'} {outcome.status}: {outcome.reason}"]
-    lines.append(
-        f"{outcome.readings} readings stored in {shown(store)}, {outcome.skipped} slots without a "
-        f"reading, {outcome.flagged} readings flagged"
-    )
-    if outcome.store_note:
-        lines.append(f"store: {outcome.store_note}")
-    lines += [f"complaint: {text}" for text in outcome.complaints]
-    if outcome.safe.commanded:
-        safe = "verified" if outcome.safe.verified else "NOT VERIFIED: see to the chamber"
-        lines.append(f"chamber's safe condition {safe}: {'; '.join(outcome.safe.steps)}")
-    else:
-        lines.append(f"chamber: not commanded; {'; '.join(outcome.safe.steps)}")
-    lines += [v.sentence for v in verdicts]
-    lines += [f"recorded run: {path}" for path in exported]
-    if outcome.status != "finished" and outcome.test_id:
-        lines.append(
-            f"go on with: accelbench run --resume {outcome.test_id} --store {shown(store)}"
-        )
-    return lines

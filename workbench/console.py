@@ -1,7 +1,6 @@
 """What goes to standard output and standard error: one JSON document, or text for people."""
 
 import json
-import logging
 import math
 import sys
 from collections.abc import Iterable, Mapping, Sequence
@@ -80,37 +79,3 @@ def _plain(value: Any) -> Any:
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     return value
-
-
-class HeldWarnings(logging.Handler):
-    """Keeps warnings until it is known that they do not stand beside an error of one line.
-
-    Tracebacks are never shown; `go_live` shows what follows at once, for commands that take hours.
-    """
-
-    def __init__(self) -> None:
-        super().__init__(logging.WARNING)
-        self._held: list[str] = []
-        self._live = False
-
-    def emit(self, record: logging.LogRecord) -> None:
-        """Take one record."""
-        line = f"accelbench: warning: {' '.join(record.getMessage().split())}"
-        if self._live:
-            click.echo(line, err=True)
-        elif line not in self._held:
-            self._held.append(line)
-
-    def go_live(self) -> None:
-        """Show what was held, and the rest as it comes."""
-        self._live = True
-        for line in self._held:
-            click.echo(line, err=True)
-        self._held.clear()
-
-
-def show_warnings_at_once() -> None:
-    """From here on show warnings as they come: what follows may take hours."""
-    context = click.get_current_context(silent=True)
-    if context is not None and isinstance(context.obj, HeldWarnings):
-        context.obj.go_live()

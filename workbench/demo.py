@@ -20,6 +20,7 @@ from thermo.station_emulated import default_station, run_emulated
 from thermo.station_types import Observer, TestOutcome
 from thermo.store_files import export_recorded, open_existing_store
 from thermo.uniformity import RampVerdict, judge_test
+from workbench.outputs import prove_writable
 from workbench.page import ReportTable
 from workbench.report import ReportExtras, write_report
 
@@ -56,15 +57,17 @@ def fresh_folder(parent: Path) -> Path:
     Raises
     ------
     InputError
-        If it cannot be made.
+        If it cannot be made, or nothing can be written there.
     """
     try:
-        parent.mkdir(parents=True, exist_ok=True)
         for k in range(1, 1_000_000):
             folder = parent / f"{k:03d}"
             if not folder.exists():
-                folder.mkdir()
+                prove_writable(folder / "store.sqlite")
+                folder.mkdir(parents=True)
                 return folder
+    except InputError as err:
+        raise InputError(parent, "", f"no folder can be made there: {err.problem}") from None
     except OSError as err:
         problem = f"no folder can be made there: {err.strerror or err}"
         raise InputError(parent, "", problem) from None

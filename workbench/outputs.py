@@ -1,6 +1,8 @@
 """Where results may be written: never over an input, and over an old result only when told so."""
 
+import os
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -8,12 +10,13 @@ from typing import Any
 import click
 from rich.console import RenderableType
 
-from errormodel.atomic import write_files
+from errormodel.atomic import draft_name, write_files
 from errormodel.errors import InputError
 from thermo.recording import sidecar_path
 from workbench.console import emit
 
 REPORT_NAME = "report.html"
+TRIAL = 4096  # bytes of the file that proves a place: a full disk still makes empty ones
 RUN_SUFFIXES = (".csv", ".parquet", ".pq")
 
 
@@ -45,7 +48,7 @@ def checked_output(path: Path, inputs: Sequence[Path], *, force: bool) -> None:
     Raises
     ------
     InputError
-        If it is an input, exists already, or its folder does not.
+        If it is an input, exists already, its folder does not, or it cannot be written.
     """
     taken = {p.resolve() for p in inputs}
     if path.resolve() in taken:
@@ -56,6 +59,52 @@ def checked_output(path: Path, inputs: Sequence[Path], *, force: bool) -> None:
         raise InputError(path, "", "exists already; give another name, or --force to replace it")
     if not path.resolve().parent.is_dir():
         raise InputError(path, "", "its folder does not exist")
+    prove_writable(path)
+
+
+def prove_writable(path: Path) -> None:
+    """Write a file beside where another shall go and take it away again: what comes is worth it.
+
+    Folders that are missing are made for it and taken away, too. A file that exists is opened for
+    more, and left as it is.
+
+    Parameters
+    ----------
+    path : Path
+        Of the file that shall be written.
+
+    Raises
+    ------
+    InputError
+        If it cannot be written: no permission, a full disk, a name too long, a file where a folder
+        was expected, a device.
+    """
+    if path.exists() and not path.is_file():
+        raise InputError(path, "", "exists and is no file, expected another name")
+    folder = path.parent
+    missing = [p for p in (folder, *folder.parents) if not p.exists()]
+    with ExitStack() as traces:
+        try:
+            for one in reversed(missing):
+                one.mkdir()
+                traces.callback(_take_away, one.rmdir)
+            # as long as the name that it has while it is written
+            trial = draft_name(path)
+            traces.callback(_take_away, trial.unlink)
+            with trial.open("xb") as file:
+                file.write(bytes(TRIAL))
+                file.flush()
+                os.fsync(file.fileno())
+            if path.exists():
+                path.open("ab").close()
+        except OSError as err:
+            problem = f"cannot be written: {err.strerror or err}"
+            raise InputError(path, "", problem) from None
+
+
+def _take_away(remove: Callable[[], None]) -> None:
+    with suppress(OSError):
+        remove()
 
 
 def check_report_folder(folder: Path, *, force: bool) -> None:
@@ -66,12 +115,14 @@ def check_report_folder(folder: Path, *, force: bool) -> None:
     UsageError
         If it is a file.
     InputError
-        If there is a report in it that must not be replaced.
+        If there is a report in it that must not be replaced, or nothing can be written there.
     """
     if folder.exists() and not folder.is_dir():
         raise click.UsageError(f"--report {folder}: is a file, expected a folder")
-    if folder.is_dir():
-        checked_output(folder / REPORT_NAME, [], force=force)
+    report = folder / REPORT_NAME
+    if report.exists() and not force:
+        raise InputError(report, "", "exists already; give another name, or --force to replace it")
+    prove_writable(report)
 
 
 def check_results(

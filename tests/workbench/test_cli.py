@@ -109,13 +109,15 @@ def test_warnings_come_after_a_success_and_not_beside_an_error(call, two_runs):
     assert call("fit", two_runs, "--holdout", "nobody").err.count("\n") == 1
 
 
-def test_a_reader_that_leaves_is_no_error(call, monkeypatch, two_runs):
-    def left(*_args: object, **_kwargs: object) -> None:
+def test_a_pipe_that_breaks_inside_is_no_reader_that_left(call, monkeypatch, two_runs):
+    """What becomes of a standard stream's reader is in test_display.py and test_terminal.py."""
+
+    def broken(*_args: object, **_kwargs: object) -> None:
         raise BrokenPipeError(32, "Broken pipe")
 
-    monkeypatch.setattr("workbench.commands_fit.read_runs", left)
+    monkeypatch.setattr("workbench.commands_fit.read_runs", broken)
     done = call("fit", two_runs)
-    assert (done.code, done.err) == (0, "")
+    assert (done.code, done.err) == (2, "accelbench: pipe: Broken pipe\n")
 
 
 def test_the_program_itself_runs_and_gives_its_exit_code(two_runs):
