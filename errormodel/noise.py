@@ -142,7 +142,12 @@ class NoiseFit:
 
 
 def estimate_noise(
-    record: Record, residual: FloatArray, columns: FloatArray, *, own: bool = False
+    record: Record,
+    residual: FloatArray,
+    columns: FloatArray,
+    *,
+    own: bool = False,
+    wary: bool = False,
 ) -> NoiseFit:
     """Estimate white noise and drift by restricted maximum likelihood (REML).
 
@@ -161,6 +166,9 @@ def estimate_noise(
     own : bool
         Whether each run has unknowns of its own; the noise is common to all runs either way. What
         differs from run to run is then not taken for drift.
+    wary : bool
+        Whether `support` holds the drift that the data do not exclude even where they show none;
+        otherwise it is white noise alone there.
 
     Returns
     -------
@@ -194,7 +202,7 @@ def estimate_noise(
     )
     none, _ = _restricted(stacked, 0.0, dof, blocks)
     best = _maximise(evaluate, bounds)
-    if best[0] <= none + 1e-3:
+    if best[0] <= none + 1e-3 and not wary:
         return _white_only(stacked, scale, dof, blocks)
     drifting, evidence = _support(evaluate, best[1], bounds)
     # Drift or none: equal odds beforehand, moved by how much better drift of any size and
