@@ -19,9 +19,6 @@ from thermo.relaxation import HORIZON, Draws, Law, Series, weigh
 DRAWS = 4000  # a probability of 0.95 is then known to 0.0035
 SEED = 1  # the same estimates always give the same verdict
 MIN_CYCLES = 3
-# Mistaking a slow law for the exponential one stops too early, the opposite too late: in doubt,
-# which is up to odds of e, the slow one is taken.
-IN_DOUBT = 1.0
 EXCLUDED = 3.0  # a law is excluded at odds of 20, of which this is the logarithm
 # So many cycles at either end make the instability before and after, fewer when there are fewer.
 WINDOW = 4
@@ -140,17 +137,16 @@ def judge_run_in(
         raise ValueError(f"series of {sorted(lengths)} cycles, confidence {confidence}")
     exponential, hyperbolic = weigh(series, "exponential"), weigh(series, "hyperbolic")
     ratio = hyperbolic.log_evidence - exponential.log_evidence
-    slow = ratio > -IN_DOUBT
-    better, other = (hyperbolic, exponential) if slow else (exponential, hyperbolic)
-    draws = better.draw(DRAWS, np.random.default_rng(SEED))
+    better, other = (hyperbolic, exponential) if ratio > 0 else (exponential, hyperbolic)
+    under = better.draw(DRAWS, np.random.default_rng(SEED))
+    rest = other.draw(DRAWS, np.random.default_rng(SEED + 1))
+    share = float(1.0 / (1.0 + np.exp(abs(ratio))))  # of the other law
+    draws = tuple(a.joined(b, share) for a, b in zip(under, rest, strict=True))
     needed = _of_all(draws)
     probability = float(np.count_nonzero(needed == 0) / needed.size)
     open_question = abs(ratio) < EXCLUDED
-    rest = other.draw(DRAWS, np.random.default_rng(SEED)) if open_question else ()
-    other_needs = _interval(_of_all(rest), confidence) if rest else None
+    other_needs = _interval(_of_all(rest), confidence) if open_question else None
     low, high = _interval(needed, confidence)
-    if other_needs is not None and better is hyperbolic:
-        low = min(low, other_needs[0])
     return RunInVerdict(
         serial=serial,
         cycles=lengths.pop(),
