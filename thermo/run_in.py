@@ -1,7 +1,7 @@
 """Run-in: whether an accelerometer has settled, and how many cycles it still needs.
 
 The rule is a sequential test. After each cycle the future of K0 and K1 is inferred
-(`thermo.relaxation`) and the accelerometer has settled when, with the confidence asked for, none of
+(`thermo.relaxation`), over all rivals of a single relaxation that the cycles do not exclude, and the accelerometer has settled when, with the confidence asked for, none of
 them will ever again change by more than its limit. A posterior probability may be looked at as
 often as one likes: the risk of stopping is the one stated at the stop, however many looks came
 before.
@@ -22,6 +22,7 @@ MIN_CYCLES = 3
 EXCLUDED = 3.0  # a law is excluded at odds of 20, of which this is the logarithm
 # So many cycles at either end make the instability before and after, fewer when there are fewer.
 WINDOW = 4
+SCATTER_TOLD = 0.25  # of the limit: two cycles then differ by a third of it and more
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,8 +65,8 @@ class RunInVerdict:
     serial : str
     cycles : int
     law : {"exponential", "hyperbolic"}
-        The law judged by: the exponential one where the estimates support it better at odds of
-        e at least (`IN_DOUBT`).
+        The law that the estimates support better; the verdict is the mean over both, each with
+        its evidence.
     log_evidence_ratio : float
         Natural logarithm of the hyperbolic law's evidence over the exponential one's.
     other_law_needs : (int, int or None) or None
@@ -78,9 +79,7 @@ class RunInVerdict:
         Whether `settled_probability` reaches `confidence`.
     cycles_needed : (int, int or None)
         Fewer than the first or more than the second are needed with a probability of at most
-        1 − `confidence` each, under `law`; while that is the slow one and the exponential one is
-        not excluded, the first is that of the latter. None: more than
-        `thermo.relaxation.HORIZON`.
+        1 − `confidence` each. None: more than `thermo.relaxation.HORIZON`.
     """
 
     serial: str
@@ -101,11 +100,27 @@ class RunInVerdict:
         if self.settled:
             what = f"settled after {self.cycles} cycles: no further change above the limits"
             left = max(1 - self.settled_probability, 1 / DRAWS)  # no draw tells of a smaller one
-            return f"{self.serial}: {what}, risk {100 * left:.2g} %"
+            return (
+                f"{self.serial}: {what}, risk {100 * left:.2g} %, unless something begins that has "
+                f"not begun to show{self._scatter_text()}"
+            )
         return (
             f"{self.serial}: not settled after {self.cycles} cycles; cycles still needed: "
             f"{needed_text(self.cycles_needed)} (risk {risk:.2g} % on either side)"
         )
+
+    def _scatter_text(self) -> str:
+        """Tell a scatter of single cycles that their own sigmas do not explain."""
+        told = [
+            f"{c.series.name.upper()} {c.after.sigma:.2g} {c.series.unit}"
+            for c in self.coefficients
+            if c.after is not None
+            and c.after.ci95[0] > c.estimate_sigma
+            and c.after.sigma > SCATTER_TOLD * c.series.limit
+        ]
+        if not told:
+            return ""
+        return f"; single cycles scatter by {', '.join(told)} (1 σ: turn-on, time of day), not counted"
 
 
 def judge_run_in(

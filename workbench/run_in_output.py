@@ -115,11 +115,12 @@ def _ratio(c: Relaxation) -> str:
 def law_sentence(v: RunInVerdict) -> str:
     """Tell which law of relaxation is used, and what the other one would ask for."""
     law, other = sorted(LAW_TEXT, key=lambda name: name != v.law)
-    used = f"judged by the {LAW_TEXT[law]} law"
+    used = f"the {LAW_TEXT[law]} law is the likelier"
+    slower = "a second relaxation, creep and a random walk beside it are weighed in"
     if v.other_law_needs is None:
-        return f"{used}; the {LAW_TEXT[other]} one is excluded at odds of 20"
+        return f"{used}, the {LAW_TEXT[other]} one is excluded at odds of 20; {slower}"
     more = needed_text(v.other_law_needs)
-    return f"{used}; under the {LAW_TEXT[other]} one, which is not excluded: {more}"
+    return f"{used}; under the {LAW_TEXT[other]} one, which is not excluded: {more}; {slower}"
 
 
 def run_in_text(verdicts: Sequence[RunInVerdict]) -> Iterator[RenderableType]:
