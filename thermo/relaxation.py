@@ -10,7 +10,8 @@ Estimate k = 0, 1, … of a coefficient is ``c∞ + A·g(k/κ) + B·v(k) + slips
   estimate knows of.
 
 κ, h, ρ and the kind and size of what is slow are on a grid of rival hypotheses; given them
-everything is Gaussian and exact. The evidence weighs them (Bayesian model averaging; Hoeting et
+everything is Gaussian and exact (κ between two points of the grid to first order: otherwise a slow
+process would pose as what the grid cannot hold). The evidence weighs them (Bayesian model averaging; Hoeting et
 al. 1999, Stat. Sci. 14, 382). All is in units of the limit, so that the priors need no unit.
 """
 
@@ -128,17 +129,21 @@ class Draws:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class _Grid:
-    """The Gaussian posterior of (c∞, A, B) under every hypothesis for one series, in limits."""
+    """The Gaussian posterior under every hypothesis for one series, in limits.
+
+    The coefficients are c∞, A, A times the deviation of ln κ from the grid, and B.
+    """
 
     series: Series
     shape: FloatArray  # (g, n + HORIZON + 1): A's g(k/κ), the last 0; 0 where nothing relaxes
+    bend: FloatArray  # (g, n + HORIZON + 1): the derivative of `shape` by ln κ
     slow: FloatArray  # (g, n + HORIZON + 1): B's v(k)
     slip: FloatArray  # (g, n + HORIZON + 1): standard deviation of the slip before each cycle
     slip_cov: FloatArray  # (g, n, n) of the slips so far
     inverse: FloatArray  # (g, n, n) of the estimates' covariance
     shifted: FloatArray  # (n,) estimates less the last one
-    mean: FloatArray  # (g, 3)
-    precision: FloatArray  # (g, 3, 3)
+    mean: FloatArray  # (g, 4)
+    precision: FloatArray  # (g, 4, 4)
     log_weight: FloatArray  # (len(KAPPA), g / len(KAPPA))
 
     @property
@@ -249,6 +254,12 @@ def slow_shape(cycle: FloatArray, kappa: float) -> FloatArray:
     return cycle / HORIZON if np.isinf(kappa) else 1.0 - np.exp(-cycle / kappa)
 
 
+def law_bend(law: Law, cycle: FloatArray, kappa: FloatArray) -> FloatArray:
+    """Return the derivative of `law_shape` by ln κ."""
+    ratio = cycle / kappa
+    return ratio * np.exp(-ratio) if law == "exponential" else ratio / (1.0 + ratio) ** 2
+
+
 def _posterior(series: Series, law: Law) -> _Grid:
     n = series.values.size
     quiet = QUIET * max(float(np.min(series.sigmas)) / series.limit, 1e-6)
@@ -262,6 +273,9 @@ def _posterior(series: Series, law: Law) -> _Grid:
     )
     each = (KAPPA.size, len(rivals), cycle.size)
     shape = (ahead[:, None, :] * relaxes[:, None]).reshape(-1, cycle.size)
+    bent = law_bend(law, cycle, KAPPA[:, None])
+    bent[:, -1] = 0.0
+    bend = (bent[:, None, :] * relaxes[:, None]).reshape(-1, cycle.size)
     slip = (np.hypot(kick[:, None] * ahead[:, None, :], walk[:, None])).reshape(-1, cycle.size)
     of_rival = np.array([slow_shape(cycle, r.slow_kappa) for r in rivals])
     slow = np.broadcast_to(of_rival, each).reshape(-1, cycle.size)
@@ -274,17 +288,20 @@ def _posterior(series: Series, law: Law) -> _Grid:
     shifted = (series.values - series.values[-1]) / series.limit
     size = max(AMPLITUDE_LIMITS, AMPLITUDE_SEEN * float(np.ptp(shifted)))
     slow_size = np.tile([r.slow_size or 1.0 for r in rivals], KAPPA.size)
+    between = float(np.log(KAPPA[1] / KAPPA[0]) / np.sqrt(12.0))  # uniform over a step
     prior = np.stack(
         [
             np.full(slow_size.size, 1.0 / (LEVEL_WIDER * size) ** 2),
             np.full(slow_size.size, 1.0 / size**2),
+            np.full(slow_size.size, 1.0 / (between * max(float(np.ptp(shifted)), 1.0)) ** 2),
             1.0 / slow_size**2,
         ],
         axis=1,
     )
-    columns = np.stack([np.ones_like(shape[:, :n]), shape[:, :n], slow[:, :n]], axis=2)
+    ones = np.ones_like(shape[:, :n])
+    columns = np.stack([ones, shape[:, :n], bend[:, :n], slow[:, :n]], axis=2)
     weighed = columns.transpose(0, 2, 1) @ inverse
-    precision = weighed @ columns + prior[:, :, None] * np.eye(3)
+    precision = weighed @ columns + prior[:, :, None] * np.eye(4)
     target = weighed @ shifted
     mean = np.asarray(np.linalg.solve(precision, target[:, :, None]), dtype=float)[:, :, 0]
     chi2 = inverse @ shifted @ shifted - (target * mean).sum(axis=1)
@@ -293,6 +310,7 @@ def _posterior(series: Series, law: Law) -> _Grid:
     return _Grid(
         series=series,
         shape=shape,
+        bend=bend,
         slow=slow,
         slip=slip,
         slip_cov=slip_cov,
@@ -314,9 +332,9 @@ def _drawn(grid: _Grid, kappa: IntArray, at: IntArray, rng: np.random.Generator)
     """Draw coefficients, slips so far and slips to come under the hypotheses given."""
     n, limit = grid.shifted.size, grid.series.limit
     root = np.linalg.cholesky(np.linalg.inv(grid.precision[at]))
-    found = grid.mean[at] + (root @ rng.standard_normal((at.size, 3, 1)))[:, :, 0]
-    level, size, slow = found.T[:, :, None]
-    way = size * grid.shape[at] + slow * grid.slow[at]
+    found = grid.mean[at] + (root @ rng.standard_normal((at.size, 4, 1)))[:, :, 0]
+    level, size, apart, slow = found.T[:, :, None]
+    way = size * grid.shape[at] + apart * grid.bend[at] + slow * grid.slow[at]
     curve = level + way[:, :n]
     inverse, slip_cov = grid.inverse[at], grid.slip_cov[at]
     slipped = (slip_cov @ inverse @ (grid.shifted - curve)[:, :, None])[:, :, 0]

@@ -1,10 +1,10 @@
 """Run-in: whether an accelerometer has settled, and how many cycles it still needs.
 
 The rule is a sequential test. After each cycle the future of K0 and K1 is inferred
-(`thermo.relaxation`), over all rivals of a single relaxation that the cycles do not exclude, and the accelerometer has settled when, with the confidence asked for, none of
-them will ever again change by more than its limit. A posterior probability may be looked at as
-often as one likes: the risk of stopping is the one stated at the stop, however many looks came
-before.
+(`thermo.relaxation`), over all rivals of a single relaxation that the cycles do not exclude. The
+accelerometer has settled when, with the confidence asked for, none of the two will ever again
+change by more than its limit. A posterior probability may be looked at as often as one likes: the
+risk of stopping is the one stated at the stop, however many looks came before.
 """
 
 from collections.abc import Sequence
@@ -120,7 +120,9 @@ class RunInVerdict:
         ]
         if not told:
             return ""
-        return f"; single cycles scatter by {', '.join(told)} (1 σ: turn-on, time of day), not counted"
+        return (
+            f"; single cycles scatter by {', '.join(told)} (1 σ: turn-on, time of day), not counted"
+        )
 
 
 def judge_run_in(

@@ -182,9 +182,15 @@ def _of_coefficient(
 ) -> Criterion:
     scatter = one.scatter
     if measure == "sigma_run":
-        value, bounds = scatter.sigma_run, sigma_bounds(one.values, one.sigmas, alpha, one.sigma_dof)
+        value, bounds = (
+            scatter.sigma_run,
+            sigma_bounds(one.values, one.sigmas, alpha, one.sigma_dof),
+        )
     else:
-        value, bounds = scatter.max_minus_min, range_bounds(one.values, one.sigmas, alpha, one.sigma_dof)
+        value, bounds = (
+            scatter.max_minus_min,
+            range_bounds(one.values, one.sigmas, alpha, one.sigma_dof),
+        )
     return Criterion(
         name=f"{one.name} {measure}", value=value, bounds=bounds, limit=limit, unit=one.unit
     )

@@ -156,9 +156,7 @@ def degrees_of_freedom(
     return np.asarray(np.maximum(2.0 / (scatter / mean**2 + of_white), FEWEST))
 
 
-def _fixed_effects(
-    record: Record, columns: Sequence[FloatArray], alike: FloatArray
-) -> FloatArray:
+def _fixed_effects(record: Record, columns: Sequence[FloatArray], alike: FloatArray) -> FloatArray:
     """Return the columns of the fixed effects, shape (n, q)."""
     blocks: list[FloatArray] = []
     for rows, own in zip(record.run_slices, columns, strict=True):

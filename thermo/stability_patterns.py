@@ -44,7 +44,8 @@ class Pattern:
         """The pattern in one line."""
         size = f"{self.size:+.3g} {self.unit}"
         if self.kind == "step":
-            return f"{self.coefficient} steps by {size} with run {self.run_id} (p = {self.p_value:.1g})"
+            what = f"{self.coefficient} steps by {size} with run {self.run_id}"
+            return f"{what} (p = {self.p_value:.1g})"
         return (
             f"run {self.run_id} is the odd one: its {self.coefficient} lies {size} from the others "
             f"(p = {self.p_value:.1g})"

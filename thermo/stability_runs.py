@@ -293,7 +293,10 @@ def _left_ug(free: ErrorModel, part: Channel, values: Mapping[str, float]) -> Fl
 
 
 def _by_direction(
-    joint: AccelerometerFit, fits: Mapping[str, RunFit], order: Sequence[str], noise: Mapping[str, NoiseFit]
+    joint: AccelerometerFit,
+    fits: Mapping[str, RunFit],
+    order: Sequence[str],
+    noise: Mapping[str, NoiseFit],
 ) -> dict[int, tuple[RunFit, ...]]:
     """Fit K0 and K1 over temperature to each direction of each run alone."""
     channel, model = joint.channel, joint.fit.model

@@ -117,9 +117,7 @@ def _between_directions(one: _Curves, other: _Curves) -> _Part:
     both = [r for r in one.runs if r in other.runs]
     if len(both) < 2:  # each direction from other runs: what differs is counted between runs
         return _Part(0.0, 0.0, 0.0)
-    half = 0.5 * np.array(
-        [one.k0[one.runs.index(r)] - other.k0[other.runs.index(r)] for r in both]
-    )
+    half = 0.5 * np.array([one.k0[one.runs.index(r)] - other.k0[other.runs.index(r)] for r in both])
     return _of_mean(half)
 
 

@@ -149,7 +149,9 @@ def longest_outside_s(time_s: FloatArray, outside: NDArray[np.bool_]) -> float:
         return 0.0
     step = float(np.median(np.diff(time_s)))
     edges = np.concatenate([[time_s[0] - step], inside, [time_s[-1] + step]])
-    return max(float(np.max(np.diff(edges))) - step, 0.0) if edges.size > 2 else float(np.ptp(time_s))
+    return (
+        max(float(np.max(np.diff(edges))) - step, 0.0) if edges.size > 2 else float(np.ptp(time_s))
+    )
 
 
 def self_heating_rate(
@@ -273,7 +275,9 @@ def _with_sentence(verdict: RampVerdict, rule: Uniformity) -> RampVerdict:
             f"({100 * rule.min_share_inside:g} % are asked for)"
         )
         if max(verdict.longest_outside_min, verdict.unread_min) > rule.window_min:
-            what = "outside" if verdict.longest_outside_min > rule.window_min else "unread at its end"
+            what = (
+                "outside" if verdict.longest_outside_min > rule.window_min else "unread at its end"
+            )
             longest = max(verdict.longest_outside_min, verdict.unread_min)
             sentence += f"; {what} for {longest:.1f} min in a row ({rule.window_min:g} are allowed)"
         blur = NOISE_SIGMAS * verdict.noise_c * verdict.slope_gain
