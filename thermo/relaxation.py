@@ -11,8 +11,9 @@ Estimate k = 0, 1, … of a coefficient is ``c∞ + A·g(k/κ) + B·v(k) + slips
 
 κ, h, ρ and the kind and size of what is slow are on a grid of rival hypotheses; given them
 everything is Gaussian and exact (κ between two points of the grid to first order: otherwise a slow
-process would pose as what the grid cannot hold). The evidence weighs them (Bayesian model averaging; Hoeting et
-al. 1999, Stat. Sci. 14, 382). All is in units of the limit, so that the priors need no unit.
+process would pose as what the grid cannot hold). The evidence weighs them (Bayesian model
+averaging; Hoeting et al. 1999, Stat. Sci. 14, 382). All is in units of the limit, so that the
+priors need no unit.
 """
 
 from collections.abc import Sequence

@@ -224,7 +224,8 @@ def judge_ramp(
     outside = np.abs(slope - commanded) > reach
     share = float(np.mean(~outside)) if judged else 0.0
     longest_min = longest_outside_s(time, outside) / 60
-    unread_min = max(start_s + leg.end_s - leg.start_s - time[-1], 0.0) / 60 if judged else 0.0
+    unread_s = float(start_s + leg.end_s - leg.start_s - time[-1]) if judged else 0.0
+    unread_min = max(unread_s, 0.0) / 60
     measured = float(np.median(slope)) if judged else float("nan")
     low_c, high_c = sorted((leg.start_c, leg.end_c))
     sins = self_heating_rate(
@@ -232,7 +233,7 @@ def judge_ramp(
     )
     mismatch = None if not sins or not judged else 100 * (abs(measured) - sins) / sins
     # a stop hides in a long ramp's share: nowhere may the rate be outside for longer than a window
-    passed = (
+    passed = bool(
         judged > 0
         and share >= rule.min_share_inside
         and max(longest_min, unread_min) <= rule.window_min
