@@ -6,13 +6,13 @@ all from their other runs stands out from what the b_ar explain (two-way layout,
 conspicuous run first), and its shift, as the *other* accelerometers show it, is taken out.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import stats
 
-from errormodel.arrays import FloatArray
+from errormodel.arrays import FloatArray, IntArray
 from thermo.stability_runs import RunByRun, RunFit, reported_as
 
 MIN_ACCELEROMETERS = 3
@@ -53,16 +53,34 @@ def common_events(batch: Sequence[RunByRun]) -> tuple[CommonEvent, ...]:
     alpha = FALSE_EVENT / max(len(run_ids) * len(tables), 1)
     found: list[CommonEvent] = []
     for name, table in tables.items():
-        unit = "ppm" if name == "k1" else _unit(batch, name)
-        left = table.copy()
-        for _ in run_ids:
-            tried = [_event(left, k) for k in range(len(run_ids))]
-            best = min((t for t in tried if t), key=lambda t: t.p_value, default=None)
-            if best is None or best.p_value > alpha:
-                break
-            left[best.rows, best.column] -= best.mean
-            found.append(_named(batch, best, run_ids, name, unit))
+        while best := _most_conspicuous(table, range(len(run_ids)), alpha):
+            found.append(_taken_out(batch, table, best, run_ids, name))
+    # where something happened to one coefficient, fewer questions are asked of the others
+    columns = sorted({run_ids.index(e.run_id) for e in found})
+    for name, table in tables.items():
+        alpha = FALSE_EVENT / max(len(columns) * len(tables), 1)
+        while best := _most_conspicuous(table, columns, alpha):
+            found.append(_taken_out(batch, table, best, run_ids, name))
     return tuple(found)
+
+
+def _most_conspicuous(table: FloatArray, columns: Iterable[int], alpha: float) -> "_Tried | None":
+    """Return the run that stands out most, if by more than chance."""
+    tried = [t for t in (_event(table, k) for k in columns) if t and t.p_value <= alpha]
+    return min(tried, key=lambda t: t.p_value, default=None)
+
+
+def _taken_out(
+    batch: Sequence[RunByRun],
+    table: FloatArray,
+    tried: "_Tried",
+    run_ids: Sequence[str],
+    name: str,
+) -> CommonEvent:
+    """Return an event, and take its shift out of the table."""
+    table[tried.rows, tried.column] -= tried.mean
+    unit = "ppm" if name == "k1" else _unit(batch, name)
+    return _named(batch, tried, run_ids, name, unit)
 
 
 def without_common(one: RunByRun, events: Sequence[CommonEvent]) -> RunByRun:
@@ -111,7 +129,7 @@ def _unit(batch: Sequence[RunByRun], name: str) -> str:
 @dataclass(frozen=True, slots=True, eq=False)
 class _Tried:
     column: int
-    rows: FloatArray
+    rows: IntArray
     apart: FloatArray
     mean: float
     variance: float

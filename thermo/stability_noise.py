@@ -130,8 +130,9 @@ def degrees_of_freedom(
 ) -> FloatArray:
     """Return to how many degrees of freedom the sigmas of a fit are known, shape (p,).
 
-    The noises that the data allow give a coefficient the variances v; χ²-distributed variances of
-    that mean and scatter have 2·mean(v)²/var(v) degrees of freedom (Satterthwaite 1946).
+    The noises that the data allow give a coefficient the variances v. The logarithm of a variance
+    with ν degrees of freedom has the variance ψ'(ν/2) (Bartlett and Kendall 1946), here inverted by
+    the first two terms of its series.
     """
     white = expected_covariance(model, record, values, NoiseModel(white=1.0))
     slow = {
@@ -150,10 +151,9 @@ def degrees_of_freedom(
     )
     share = np.array([w for w, _ in noise.support])
     share = share / share.sum()
-    mean = share @ variances
-    scatter = share @ (variances - mean) ** 2
-    of_white = 2.0 / max(len(record) - len(model.names), 1)
-    return np.asarray(np.maximum(2.0 / (scatter / mean**2 + of_white), FEWEST))
+    logs = np.log(np.maximum(variances, 1e-300))
+    scatter = share @ (logs - share @ logs) ** 2 + 2.0 / max(len(record) - len(model.names), 1)
+    return np.asarray(np.maximum((1.0 + np.sqrt(1.0 + 2.0 * scatter)) / scatter, FEWEST))
 
 
 def _fixed_effects(record: Record, columns: Sequence[FloatArray], alike: FloatArray) -> FloatArray:

@@ -10,7 +10,7 @@ from thermo.recording import RecordedRuns
 from thermo.stability_runs import MIN_READINGS, RunByRun
 
 NOISIER = 1.5  # times the noise of a run with the least, from which it is told
-SLOW = 0.3  # of a run's length: a drift with a longer time constant looks like a step between runs
+SLOW = 1.0  # of a run's length: a drift with a longer time constant looks like a step between runs
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -18,6 +18,7 @@ from errormodel.scatter import sigma_bounds
 from thermo.stability_curves import GRID_C, MAX_GRID, CurveSet
 
 TAIL = 0.025  # beyond each 95 % limit
+ROUNDING_UG = 1e-6
 Limits = tuple[float, float]
 
 
@@ -125,6 +126,7 @@ def _of_mean(curves: FloatArray) -> _Part:
     """Return the mean square of the mean curve (runs, m), its scatter taken out, and limits."""
     n = curves.shape[0]
     rms = float(np.sqrt(np.mean(np.mean(curves, axis=0) ** 2)))
+    rms = rms if rms > ROUNDING_UG else 0.0
     error = float(np.sqrt(np.mean(np.var(curves, axis=0, ddof=1)) / n))
     slack = float(stats.t.ppf(1.0 - TAIL, n - 1)) * error
     value = max(rms**2 - error**2, 0.0)
