@@ -3,7 +3,7 @@
 Restricted maximum likelihood (REML) judges noise by the error contrasts: the part of the readings
 that the fixed effects leave (Patterson and Thompson 1971). Fixed are here
 
-- each run's own coefficients, and its own offset between heating and cooling where runs differ in
+- each run's own coefficients, and its own heating less cooling (a parabola) where runs differ in
   it beyond chance (a loop that only some runs show is a difference between runs, no noise);
 - a function of temperature in each direction that all runs share: what repeats.
 
@@ -39,7 +39,7 @@ class RunsNoise:
     ratios : ndarray, shape (runs,)
         Each run's noise over the common one; all 1 where the runs are alike.
     loops_p : float
-        How often chance alone makes the offset between the directions differ so from run to run.
+        How often chance alone makes heating less cooling differ so from run to run.
     """
 
     common: NoiseFit
@@ -81,7 +81,7 @@ def runs_noise(
     for the test that the runs are alike.
     """
     fixed = _fixed_effects(record, columns, alike)
-    loops = _offsets(record, direction)
+    loops = _loops(record, direction)
     loops_p = _significance(record, fixed, loops, residual)
     if loops_p < UNLIKE:
         fixed = np.hstack([fixed, loops])
@@ -93,9 +93,13 @@ def runs_noise(
     return RunsNoise(common=found, ratios=ratios, loops_p=loops_p)
 
 
-def _offsets(record: Record, direction: IntArray) -> FloatArray:
-    """Return an offset between heating and cooling for each run, shape (n, runs)."""
-    return np.asarray(direction[:, None] * (record.run[:, None] == np.unique(record.run)), float)
+def _loops(record: Record, direction: IntArray) -> FloatArray:
+    """Return each run's heating less cooling, a parabola in temperature, shape (n, 3·runs)."""
+    x = record["x_c"]
+    x = (x - x.mean()) / max(float(np.ptp(x)), 1e-9)
+    shapes = direction[:, None] * x[:, None] ** np.arange(3)
+    own = record.run[:, None] == np.unique(record.run)
+    return np.asarray((own[:, :, None] * shapes[:, None, :]).reshape(len(record), -1), float)
 
 
 def _significance(

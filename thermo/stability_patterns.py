@@ -5,18 +5,18 @@ How much the best of them explains by chance does not depend on the size of the 
 law is had by simulation, exact for normal values of one size.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Literal
 
 import numpy as np
-from scipy import stats
 
 from errormodel.arrays import FloatArray
 from errormodel.scatter import holm
 from thermo.stability_coefficients import FIRST, CoefficientStability
 from thermo.stability_limits import FALSE_ALARM
+from thermo.stability_noise import UNLIKE as LOOPS_DIFFER
 from thermo.stability_runs import RunByRun
 
 MIN_RUNS = 4  # of fewer each is as odd as the others
@@ -157,21 +157,18 @@ def loops_of(one: RunByRun) -> Loops | None:
             values[k] += sign * float(curve.mean())
             variances[k] += float(mean @ fitted.fit.cov @ mean)
     sigmas = np.sqrt(variances)
-    known_to = min(f.dof("k0") for pair in pairs for f in pair)
     return Loops(
         run_ids=tuple(both),
         values=values,
         sigmas=sigmas,
         p_value=one.loops_p,
-        odd=_odd(dict(zip(both, values, strict=True)), sigmas, known_to),
+        odd=_odd(both, values) if one.loops_p < LOOPS_DIFFER else (),
     )
 
 
-def _odd(values: Mapping[str, float], sigmas: FloatArray, known_to: float) -> tuple[str, ...]:
-    v = np.array(list(values.values()))
-    if v.size < 3:
+def _odd(run_ids: Sequence[str], values: FloatArray) -> tuple[str, ...]:
+    """Return the runs that lie on the far side of the half way from most to the farthest."""
+    apart = np.abs(values - np.median(values))
+    if values.size < 3:
         return ()
-    middle = float(np.median(v))
-    sigma = np.hypot(sigmas, float(np.median(sigmas)) / np.sqrt(v.size))
-    p = 2.0 * stats.t.sf(np.abs(v - middle) / sigma, known_to)
-    return holm(dict(zip(values, p.tolist(), strict=True)), FALSE_ALARM)
+    return tuple(r for r, d in zip(run_ids, apart, strict=True) if d > 0.5 * apart.max())
