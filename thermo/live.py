@@ -108,7 +108,9 @@ class LiveEstimate:
         self._mounts = dict(mount_deg or {})
         noises = [replace(noise, drift=factor * noise.drift) for factor in MORE_DRIFT]
         fits = tuple(start_recursive(n, PRIOR, PRIOR_SIGMA) for n in noises)
-        self._banks = dict.fromkeys(self._scales, _Bank(fits, np.zeros(len(fits))))
+        self._banks: dict[str, _Bank] = {
+            serial: _Bank(fits, np.zeros(len(fits))) for serial in self._scales
+        }
         self._last_c = dict.fromkeys(self._scales, T_REF_C)
         self._counts = dict.fromkeys(self._scales, 0)
         self._run = 0

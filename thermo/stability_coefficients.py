@@ -139,7 +139,7 @@ def unjudged(
     coefficients: Sequence[CoefficientStability], apart: Distance | None, limits: LimitsFile
 ) -> tuple[str, ...]:
     """Return the limits that an accelerometer's runs give nothing to hold against."""
-    known = {c.name for c in coefficients} | ({CURVE} if apart is not None else set())
+    known = [c.name for c in coefficients] + ([CURVE] if apart is not None else [])
     return tuple(dict.fromkeys(name for name, _, _ in _asked(limits) if name not in known))
 
 

@@ -77,15 +77,16 @@ def _common_ug(one: RunByRun, events: Sequence[CommonEvent]) -> FloatArray:
     """Return what the events add to the readings of an accelerometer, µg, shape (n,)."""
     joint, channel = one.joint, one.joint.channel
     columns = derivative(joint.fit.model, channel.record, joint.fit.as_dict())
-    added = np.zeros(len(channel.record))
+    added: FloatArray = np.zeros(len(channel.record))
     for event in events:
         if event.run_id in channel.run_ids and joint.serial in event.shifts:
             rows = channel.record.run == channel.run_ids.index(event.run_id)
             factor = reported_as(joint.fit.model, event.coefficient)[0]
             column = columns[:, joint.fit.names.index(event.coefficient)]
             # the model of all runs took up the run's share of the shift
-            shift = event.shifts[joint.serial][0] * (rows - np.mean(rows))
-            added += MICRO * shift / factor * column
+            shift = event.shifts[joint.serial][0] * MICRO / factor
+            centred: FloatArray = np.asarray(rows - np.mean(rows), dtype=np.float64)
+            added += shift * centred * column
     return added
 
 

@@ -144,12 +144,12 @@ def _event(table: FloatArray, column: int) -> _Tried | None:
     if np.count_nonzero(rows) < MIN_ACCELEROMETERS:
         return None
     rest, count = others[rows], count[rows]
-    means = np.nanmean(rest, axis=1)
-    apart = table[rows, column] - means
+    means: FloatArray = np.nanmean(rest, axis=1)
+    apart: FloatArray = np.asarray(table[rows, column] - means, dtype=np.float64)
     n = apart.size
     # what the accelerometers do by themselves: in this run, and in the others
     here, here_dof = float(np.sum((apart - apart.mean()) ** 2)), n - 1
-    there = float(np.nansum((rest - means[:, None]) ** 2)) * float(np.mean(1.0 + 1.0 / count))
+    there = float(np.nansum((rest - means[:, None]) ** 2)) * float(np.mean(1.0 / count) + 1.0)
     there_dof = int(np.sum(count - 1))
     variance = (here + there) / (here_dof + there_dof)
     mean, middle = float(apart.mean()), float(np.median(apart))

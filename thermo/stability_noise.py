@@ -96,10 +96,10 @@ def runs_noise(
 def _loops(record: Record, direction: IntArray) -> FloatArray:
     """Return each run's heating less cooling, a parabola in temperature, shape (n, 3·runs)."""
     x = record["x_c"]
-    x = (x - x.mean()) / max(float(np.ptp(x)), 1e-9)
+    x = np.asarray((x - x.mean()) / max(float(np.ptp(x)), 1e-9), dtype=np.float64)
     shapes = direction[:, None] * x[:, None] ** np.arange(3)
     own = record.run[:, None] == np.unique(record.run)
-    return np.asarray((own[:, :, None] * shapes[:, None, :]).reshape(len(record), -1), float)
+    return np.asarray(own[:, :, None] * shapes[:, None, :], dtype=float).reshape(len(record), -1)
 
 
 def _significance(

@@ -264,7 +264,7 @@ def _repeating(channel: Channel) -> FloatArray:
     """
     heading, run = directions(channel), channel.record.run
     place = channel.temp_c / KNOT_C
-    knots = np.arange(np.floor(place.min()), np.ceil(place.max()) + 1.0)
+    knots = np.arange(int(np.floor(place.min())), int(np.ceil(place.max())) + 1)
     hats = np.maximum(1.0 - np.abs(place[:, None] - knots), 0.0)
     columns = np.hstack([hats * (heading == way)[:, None] for way in np.unique(heading)])
     passed = [(columns[run == k] > 0.0).any(axis=0) for k in range(len(channel.run_ids))]

@@ -90,7 +90,7 @@ def shape_of(sets: Sequence[CurveSet]) -> Shape | None:
 
 
 def _on(grid: FloatArray, one: CurveSet) -> _Curves:
-    k0 = np.array([np.interp(grid, one.temp_c, curve) for curve in one.k0_ug])
+    k0 = np.array([np.interp(grid, one.temp_c, one.k0_ug[k]) for k in range(len(one.run_ids))])
     inside = (one.temp_c >= grid[0]) & (one.temp_c <= grid[-1])
     shown = one.k0_variance_ug2[:, inside] if np.any(inside) else one.k0_variance_ug2
     return _Curves(one.run_ids, k0, float(np.mean(shown)))
@@ -102,7 +102,7 @@ def _between_runs(curves: Sequence[_Curves], known_to: float) -> _Part:
     Its limits are those of a value that differs from run to run as the curves do in the mean
     (exact where runs differ by an offset; a shape that differs too makes them a little wide).
     """
-    squares = [float(np.mean(np.var(c.k0, axis=0, ddof=1))) for c in curves]
+    squares = [_mean_square(c.k0) for c in curves]
     noise = float(np.sqrt(np.mean([c.noise2 for c in curves])))
     n = min(len(c.runs) for c in curves)
     pattern = np.linspace(-1.0, 1.0, n)
@@ -111,6 +111,12 @@ def _between_runs(curves: Sequence[_Curves], known_to: float) -> _Part:
     low, high = sigma_bounds(values, noises, TAIL, known_to)
     middle = sigma_bounds(values, noises, 0.5)[0]
     return _Part(middle**2, low**2, max(high, middle) ** 2)
+
+
+def _mean_square(curves: FloatArray) -> float:
+    """Return the variance over the runs, mean over temperature."""
+    variance: FloatArray = np.var(curves, axis=0, ddof=1)
+    return float(np.mean(variance))
 
 
 def _between_directions(one: _Curves, other: _Curves) -> _Part:
@@ -125,9 +131,10 @@ def _between_directions(one: _Curves, other: _Curves) -> _Part:
 def _of_mean(curves: FloatArray) -> _Part:
     """Return the mean square of the mean curve (runs, m), its scatter taken out, and limits."""
     n = curves.shape[0]
-    rms = float(np.sqrt(np.mean(np.mean(curves, axis=0) ** 2)))
+    mean: FloatArray = np.mean(curves, axis=0)
+    rms = float(np.sqrt(np.mean(mean**2)))
     rms = rms if rms > ROUNDING_UG else 0.0
-    error = float(np.sqrt(np.mean(np.var(curves, axis=0, ddof=1)) / n))
+    error = float(np.sqrt(_mean_square(curves) / n))
     slack = float(stats.t.ppf(1.0 - TAIL, n - 1)) * error
     value = max(rms**2 - error**2, 0.0)
     return _Part(value, min(max(rms - slack, 0.0) ** 2, value), (rms + slack) ** 2)

@@ -26,7 +26,8 @@ def drift(
     keep = np.exp(-period_s / tau_s)
     kicks = sigma * np.sqrt(1 - keep**2) * rng.standard_normal(size)
     kicks[0] = sigma * rng.standard_normal()
-    return np.asarray(signal.lfilter([1.0], [1.0, -keep], kicks))
+    made: FloatArray = signal.lfilter([1.0], [1.0, -keep], kicks)
+    return made
 
 
 def one_run(
@@ -45,9 +46,9 @@ def one_run(
 ) -> pd.DataFrame:
     """Simulate a run; `moved` is added to `CLEAN`, µg, ppm and µrad (per °C)."""
     t = np.linspace(0.0, hours * 3600.0, n)
-    travel = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(span_c)))])
-    way = travel / travel[-1] if travel[-1] else np.linspace(0.0, 1.0, len(span_c))
-    temp_c = np.interp(t / t[-1], way, span_c)
+    moved_c: FloatArray = np.abs(np.diff(np.array(span_c)))
+    way = np.append(0.0, np.cumsum(moved_c)) / float(moved_c.sum())
+    temp_c: FloatArray = np.interp(t / t[-1], way, np.array(span_c))
     theta = np.deg2rad(90.0 * (np.arange(n) % 4))
     x, a_i, a_p = temp_c - 25.0, np.sin(theta), np.cos(theta)
     c = {name: value + moved.get(name, 0.0) for name, value in CLEAN.items()}

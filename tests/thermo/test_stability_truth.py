@@ -226,7 +226,7 @@ def test_a_run_five_times_noisier_is_told_and_its_sigmas_say_so() -> None:
 
 def unmoved(runs: int, sets: int) -> dict[str, int]:
     """Count sets of runs that do not differ at all in which a limit says that they do."""
-    wrong = dict.fromkeys(("k0", "k1", "k0_t1", "curve"), 0)
+    wrong: dict[str, int] = dict.fromkeys(("k0", "k1", "k0_t1", "curve"), 0)
     for seed in range(sets):
         rng = np.random.default_rng([12, runs, seed])
         frames = [one_run(rng, "A", f"r{k}") for k in range(runs)]
