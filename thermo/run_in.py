@@ -22,6 +22,7 @@ MIN_CYCLES = 3
 EXCLUDED = 3.0  # a law is excluded at odds of 20, of which this is the logarithm
 # So many cycles at either end make the instability before and after, fewer when there are fewer.
 WINDOW = 4
+JUMP_SIGMAS, JUMP_TIMES = 4.0, 1.5  # of noise; times what the cycle before changed by
 SCATTER_TOLD = 0.25  # of the limit: two cycles then differ by a third of it and more
 
 
@@ -54,6 +55,16 @@ class Relaxation:
     after: Spread | None
     estimate_sigma: float
     cycles_needed: tuple[int, int | None]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Jump:
+    """A sudden change of a coefficient; `cycle` counts from 1 and is the first one changed."""
+
+    coefficient: str
+    unit: str
+    cycle: int
+    size: float
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -97,17 +108,26 @@ class RunInVerdict:
     def sentence(self) -> str:
         """The verdict in one line."""
         risk = 100 * (1 - self.confidence)
+        jumped = "".join(
+            f"; {j.coefficient.upper()} jumped by {j.size:+.3g} {j.unit} in cycle {j.cycle}"
+            for j in self.jumps
+        )
         if self.settled:
             what = f"settled after {self.cycles} cycles: no further change above the limits"
             left = max(1 - self.settled_probability, 1 / DRAWS)  # no draw tells of a smaller one
             return (
                 f"{self.serial}: {what}, risk {100 * left:.2g} %, unless something begins that has "
-                f"not begun to show{self._scatter_text()}"
+                f"not begun to show{self._scatter_text()}{jumped}"
             )
         return (
             f"{self.serial}: not settled after {self.cycles} cycles; cycles still needed: "
-            f"{needed_text(self.cycles_needed)} (risk {risk:.2g} % on either side)"
+            f"{needed_text(self.cycles_needed)} (risk {risk:.2g} % on either side){jumped}"
         )
+
+    @property
+    def jumps(self) -> tuple[Jump, ...]:
+        """Changes from one cycle to the next that no relaxation makes, and noise hardly."""
+        return tuple(j for c in self.coefficients for j in _jumps(c.series))
 
     def _scatter_text(self) -> str:
         """Tell a scatter of single cycles that their own sigmas do not explain."""
@@ -123,6 +143,28 @@ class RunInVerdict:
         return (
             f"; single cycles scatter by {', '.join(told)} (1 σ: turn-on, time of day), not counted"
         )
+
+
+def _jumps(series: Series) -> list[Jump]:
+    """Return the changes above the limit that are larger than the one before them.
+
+    What relaxes changes by less and less.
+    """
+    change = np.diff(series.values)
+    sigma = np.hypot(series.sigmas[1:], series.sigmas[:-1])
+    usual = np.abs(change[:-1]) + JUMP_SIGMAS * sigma[1:]
+    far = (np.abs(change[1:]) > series.limit) & (np.abs(change[1:]) > JUMP_TIMES * usual)
+    # the way back from one odd cycle is no jump of its own
+    far[1:] &= ~far[:-1]
+    return [
+        Jump(
+            coefficient=series.name,
+            unit=series.unit,
+            cycle=int(k) + 3,
+            size=float(change[k + 1]),
+        )
+        for k in np.flatnonzero(far)
+    ]
 
 
 def judge_run_in(

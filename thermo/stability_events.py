@@ -139,7 +139,7 @@ class _Tried:
 def _event(table: FloatArray, column: int) -> _Tried | None:
     """Test whether one run differs alike in all accelerometers from their others."""
     others = np.delete(table, column, axis=1)
-    count = np.sum(np.isfinite(others), axis=1)
+    count = np.asarray(np.sum(np.isfinite(others), axis=1), dtype=np.float64)
     rows = np.isfinite(table[:, column]) & (count >= 1)
     if np.count_nonzero(rows) < MIN_ACCELEROMETERS:
         return None
@@ -149,8 +149,8 @@ def _event(table: FloatArray, column: int) -> _Tried | None:
     n = apart.size
     # what the accelerometers do by themselves: in this run, and in the others
     here, here_dof = float(np.sum((apart - apart.mean()) ** 2)), n - 1
-    there = float(np.nansum((rest - means[:, None]) ** 2)) * float(np.mean(1.0 / count) + 1.0)
-    there_dof = int(np.sum(count - 1))
+    there = float(np.nansum((rest - means[:, None]) ** 2)) * (1.0 + float(np.mean(1.0 / count)))
+    there_dof = int(count.sum()) - n
     variance = (here + there) / (here_dof + there_dof)
     mean, middle = float(apart.mean()), float(np.median(apart))
     if variance <= 0.0 or middle * mean <= 0.0 or abs(middle) < 0.5 * abs(mean):

@@ -219,6 +219,6 @@ def _alike(variances: FloatArray, dof: FloatArray) -> bool:
     pooled = float(dof @ variances) / total
     if pooled <= 0.0 or np.any(variances <= 0.0):
         return True
-    statistic = total * np.log(pooled) - float(dof @ np.log(variances))
+    statistic = total * np.log(pooled) - float(np.sum(dof * np.log(variances)))
     correction = 1.0 + (float(np.sum(1.0 / dof)) - 1.0 / total) / (3.0 * (dof.size - 1))
     return bool(stats.chi2.sf(statistic / correction, dof.size - 1) > UNLIKE)

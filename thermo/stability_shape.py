@@ -90,7 +90,9 @@ def shape_of(sets: Sequence[CurveSet]) -> Shape | None:
 
 
 def _on(grid: FloatArray, one: CurveSet) -> _Curves:
-    k0 = np.array([np.interp(grid, one.temp_c, one.k0_ug[k]) for k in range(len(one.run_ids))])
+    k0 = np.zeros((len(one.run_ids), grid.size))
+    for k in range(len(one.run_ids)):
+        k0[k] = np.interp(grid, one.temp_c, one.k0_ug[k])
     inside = (one.temp_c >= grid[0]) & (one.temp_c <= grid[-1])
     shown = one.k0_variance_ug2[:, inside] if np.any(inside) else one.k0_variance_ug2
     return _Curves(one.run_ids, k0, float(np.mean(shown)))

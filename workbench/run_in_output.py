@@ -37,6 +37,10 @@ def _accelerometer(v: RunInVerdict) -> dict[str, Any]:
         "law": v.law,
         "other_law_needs": None if v.other_law_needs is None else list(v.other_law_needs),
         "log_evidence_hyperbolic_over_exponential": v.log_evidence_ratio,
+        "jumps": [
+            {"coefficient": j.coefficient, "cycle": j.cycle, "size": j.size, "unit": j.unit}
+            for j in v.jumps
+        ],
         "sentence": v.sentence,
         "coefficients": {c.series.name: _coefficient(c) for c in v.coefficients},
     }

@@ -17,12 +17,12 @@ from workbench.page import (
     source_rows,
 )
 from workbench.plotting import Picture
+from workbench.stability_document import definition
 from workbench.stability_output import (
     COLUMNS,
     LIMITS_TEXT,
     coefficient_row,
     component_lines,
-    definition,
     headline,
     limits_text,
     sentences,

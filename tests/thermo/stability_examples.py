@@ -8,7 +8,6 @@ from datetime import UTC, datetime, timedelta
 
 import numpy as np
 import pandas as pd
-from scipy import signal
 
 from errormodel.arrays import FloatArray
 from thermo.fitting import TermsFile
@@ -26,8 +25,12 @@ def drift(
     keep = np.exp(-period_s / tau_s)
     kicks = sigma * np.sqrt(1 - keep**2) * rng.standard_normal(size)
     kicks[0] = sigma * rng.standard_normal()
-    made: FloatArray = signal.lfilter([1.0], [1.0, -keep], kicks)
-    return made
+    found = np.zeros(size)
+    state = 0.0
+    for k, kick in enumerate(kicks.tolist()):
+        state = keep * state + kick
+        found[k] = state
+    return found
 
 
 def one_run(
@@ -48,7 +51,7 @@ def one_run(
     t = np.linspace(0.0, hours * 3600.0, n)
     moved_c: FloatArray = np.abs(np.diff(np.array(span_c)))
     way = np.append(0.0, np.cumsum(moved_c)) / float(moved_c.sum())
-    temp_c: FloatArray = np.interp(t / t[-1], way, np.array(span_c))
+    temp_c: FloatArray = np.asarray(np.interp(t / t[-1], way, np.array(span_c)), dtype=np.float64)
     theta = np.deg2rad(90.0 * (np.arange(n) % 4))
     x, a_i, a_p = temp_c - 25.0, np.sin(theta), np.cos(theta)
     c = {name: value + moved.get(name, 0.0) for name, value in CLEAN.items()}

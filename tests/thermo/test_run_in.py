@@ -80,6 +80,16 @@ def test_what_never_moved_is_settled_after_few_cycles() -> None:
     assert settled_at(np.zeros((2, 90)), range(4, 13), 1) is not None
 
 
+def test_a_step_between_two_cycles_is_named_and_a_relaxation_is_none() -> None:
+    truth = np.repeat([[0.0] * 5 + [60.0] * 4], 2, axis=0)
+    verdict = judge_run_in("S", series_of(truth, np.random.default_rng(1)))
+    assert [(j.coefficient, j.cycle) for j in verdict.jumps] == [("k0", 6), ("k1", 6)]
+    assert verdict.jumps[0].size == pytest.approx(60.0, abs=10.0)  # two cycles known to 2
+    assert "K0 jumped by" in verdict.sentence
+    smooth = [s.first(9) for s in series_of(relaxing(1), np.random.default_rng(1))]
+    assert judge_run_in("S", smooth).jumps == ()
+
+
 @pytest.mark.parametrize("kind", ["second", "creep"])
 def test_what_goes_on_slowly_is_not_called_settled(kind: str) -> None:
     assert settled_at(goes_on(0, kind), (9, 12, 15, 20), 0) is None
