@@ -25,7 +25,7 @@ from errormodel.record import Record
 # Runs are taken to be alike in their noise unless chance gives such a difference in one of 10⁴.
 UNLIKE = 1e-4
 ROUNDS = 3  # of weighing runs that are not alike
-FEWEST = 2.0  # degrees of freedom of a sigma
+FEWEST = 3.0  # degrees of freedom of a sigma; the scatter itself is known roughly
 RANK = 1e-9  # of the fixed effects' Gram matrix
 
 
@@ -134,9 +134,8 @@ def degrees_of_freedom(
 ) -> FloatArray:
     """Return to how many degrees of freedom the sigmas of a fit are known, shape (p,).
 
-    The noises that the data allow give a coefficient the variances v. The logarithm of a variance
-    with ν degrees of freedom has the variance ψ'(ν/2) (Bartlett and Kendall 1946), here inverted by
-    the first two terms of its series.
+    The noises that the data allow give a coefficient the variances v; χ²-distributed variances of
+    that mean and scatter have 2·mean(v)²/var(v) degrees of freedom (Satterthwaite 1946).
     """
     white = expected_covariance(model, record, values, NoiseModel(white=1.0))
     slow = {
@@ -155,9 +154,10 @@ def degrees_of_freedom(
     )
     share = np.array([w for w, _ in noise.support])
     share = share / share.sum()
-    logs = np.log(np.maximum(variances, 1e-300))
-    scatter = share @ (logs - share @ logs) ** 2 + 2.0 / max(len(record) - len(model.names), 1)
-    return np.asarray(np.maximum((1.0 + np.sqrt(1.0 + 2.0 * scatter)) / scatter, FEWEST))
+    mean = share @ variances
+    scatter = share @ (variances - mean) ** 2 / mean**2
+    of_white = 2.0 / max(len(record) - len(model.names), 1)
+    return np.asarray(np.maximum(2.0 / (scatter + of_white), FEWEST))
 
 
 def _fixed_effects(record: Record, columns: Sequence[FloatArray], alike: FloatArray) -> FloatArray:
@@ -221,4 +221,4 @@ def _alike(variances: FloatArray, dof: FloatArray) -> bool:
         return True
     statistic = total * np.log(pooled) - float(np.sum(dof * np.log(variances)))
     correction = 1.0 + (float(np.sum(1.0 / dof)) - 1.0 / total) / (3.0 * (dof.size - 1))
-    return bool(stats.chi2.sf(statistic / correction, dof.size - 1) > UNLIKE)
+    return float(stats.chi2.sf(float(statistic) / correction, dof.size - 1)) > UNLIKE
