@@ -39,7 +39,7 @@ from thermo.stability_limits import (
     intervals,
     verdict_of,
 )
-from thermo.stability_noise import UNLIKE as LOOPS_DIFFER
+from thermo.stability_noise import LOOPS_DIFFER
 from thermo.stability_notes import LeftOut, comparable, notes_of
 from thermo.stability_patterns import Loops, Pattern, loops_of, patterns_of
 from thermo.stability_runs import RunByRun, fit_run_by_run

@@ -24,8 +24,11 @@ from errormodel.record import Record
 
 # Runs are taken to be alike in their noise unless chance gives such a difference in one of 10⁴.
 UNLIKE = 1e-4
+# Parabolas of each run take up slow drift too, which the noise that is left then hardly shows: with
+# 3 µg of drift over one hour p was 1e-5 once in a few pairs of runs; 20 µg of loop give 1e-11.
+LOOPS_DIFFER = 1e-8
 ROUNDS = 3  # of weighing runs that are not alike
-FEWEST = 3.0  # degrees of freedom of a sigma; the scatter itself is known roughly
+FEWEST = 2.0  # degrees of freedom of a sigma
 RANK = 1e-9  # of the fixed effects' Gram matrix
 
 
@@ -83,7 +86,7 @@ def runs_noise(
     fixed = _fixed_effects(record, columns, alike)
     loops = _loops(record, direction)
     loops_p = _significance(record, fixed, loops, residual)
-    if loops_p < UNLIKE:
+    if loops_p < LOOPS_DIFFER:
         fixed = np.hstack([fixed, loops])
     ratios = np.ones(len(columns))
     found = _estimate(record, fixed, residual, ratios)

@@ -70,11 +70,13 @@ def notes_of(one: RunByRun, temperatures: Sequence[float]) -> tuple[str, ...]:
         if r.held
     ]
     low, high = max(r.temp_c[0] for r in one.runs), min(r.temp_c[1] for r in one.runs)
+    if low > high:
+        notes.append("the runs share no temperature: coefficients are compared extrapolated")
     notes += [
         f"{t:g} °C lies outside the range that all runs share, {low:.3g} to {high:.3g} °C: "
         "coefficients there are extrapolated"
         for t in temperatures
-        if not low <= t <= high
+        if low <= high and not low <= t <= high
     ]
     if not one.joint.channel.has_input:
         notes.append("the input is not recorded: K0 holds it too, and K1 cannot be had")

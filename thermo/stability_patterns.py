@@ -16,7 +16,7 @@ from errormodel.arrays import FloatArray
 from errormodel.scatter import holm
 from thermo.stability_coefficients import FIRST, CoefficientStability
 from thermo.stability_limits import FALSE_ALARM
-from thermo.stability_noise import UNLIKE as LOOPS_DIFFER
+from thermo.stability_noise import LOOPS_DIFFER
 from thermo.stability_runs import RunByRun
 
 MIN_RUNS = 4  # of fewer each is as odd as the others
