@@ -25,7 +25,8 @@ from errormodel.record import Record
 # Runs are taken to be alike in their noise unless chance gives such a difference in one of 10⁴.
 UNLIKE = 1e-4
 # Parabolas of each run take up slow drift too, which the noise that is left then hardly shows: with
-# 3 µg of drift over one hour p was 1e-5 once in a few pairs of runs; 20 µg of loop give 1e-11.
+# 3 µg of drift over one hour p was 1e-5 in one of three pairs of runs; 40 µg of loop in two runs of
+# five give 1e-11.
 LOOPS_DIFFER = 1e-8
 ROUNDS = 3  # of weighing runs that are not alike
 FEWEST = 2.0  # degrees of freedom of a sigma
