@@ -87,7 +87,12 @@ class NoiseFit:
 
 
 def estimate_noise(
-    record: Record, residual: FloatArray, columns: FloatArray, *, own: bool = False
+    record: Record,
+    residual: FloatArray,
+    columns: FloatArray,
+    *,
+    own: bool = False,
+    wary: bool = False,
 ) -> NoiseFit:
     """Estimate white noise and drift by restricted maximum likelihood (REML).
 
@@ -106,6 +111,9 @@ def estimate_noise(
     own : bool
         Whether each run has unknowns of its own; the noise is common to all runs either way. What
         differs from run to run is then not taken for drift.
+    wary : bool
+        Whether `support` holds the drift that the data do not exclude even where they show none;
+        otherwise it is white noise alone there.
 
     Returns
     -------
@@ -116,10 +124,13 @@ def estimate_noise(
     Harville, D. A. (1977), Maximum likelihood approaches to variance component estimation and to
     related problems, JASA 72, eq. for the restricted likelihood.
     """
-    return estimate_noise_of(record, np.column_stack([columns, residual]), own=own)
+    joint = np.column_stack([columns, residual])
+    return estimate_noise_of(record, joint, own=own, wary=wary)
 
 
-def estimate_noise_of(record: Record, joint: FloatArray, *, own: bool = False) -> NoiseFit:
+def estimate_noise_of(
+    record: Record, joint: FloatArray, *, own: bool = False, wary: bool = False
+) -> NoiseFit:
     """Estimate the noise as `estimate_noise` does, the residual standing beside the columns.
 
     Parameters
@@ -147,7 +158,7 @@ def estimate_noise_of(record: Record, joint: FloatArray, *, own: bool = False) -
     )
     none, _ = data.restricted(NoiseModel(white=1.0))
     best = _maximise(evaluate, bounds)
-    if best[0] <= none + 1e-3:
+    if best[0] <= none + 1e-3 and not wary:
         return _white_only(data)
     drifting, evidence = _support(evaluate, best[1], bounds)
     # Drift or none: equal odds beforehand, moved by how much better drift of any size and

@@ -5,17 +5,19 @@ Value of run i: ``c_i = μ + b_i + e_i`` with ``b_i ~ N(0, τ²)`` between runs 
 has the e_i in it.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import optimize, stats
+from scipy import optimize, special, stats
 
 from errormodel.arrays import FloatArray
 
 Limits = tuple[float, float]
 TAIL = 0.025  # beyond each 95 % limit
+MANY = 1e7  # degrees of freedom, as good as infinite
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,6 +45,8 @@ class Scatter:
     trend_per_run, trend_p : float or None
         Slope per unit of `order`, and how often chance alone gives as steep a one (t, n − 2
         degrees of freedom); None with two runs.
+    trend_share : float
+        Share of the sum of squares that the straight line explains.
     """
 
     n: int
@@ -56,10 +60,15 @@ class Scatter:
     max_minus_min_ci95: Limits
     trend_per_run: float | None
     trend_p: float | None
+    trend_share: float = 0.0
 
 
 def scatter_between(
-    values: ArrayLike, sigmas: ArrayLike, *, order: ArrayLike | None = None
+    values: ArrayLike,
+    sigmas: ArrayLike,
+    *,
+    order: ArrayLike | None = None,
+    sigma_dof: float = np.inf,
 ) -> Scatter:
     """Tell the scatter between runs from the scatter of their estimates.
 
@@ -71,6 +80,8 @@ def scatter_between(
         Their standard deviations s_i ≥ 0.
     order : array_like, shape (n,), optional
         What a trend is sought along; default 0, 1, ….
+    sigma_dof : float
+        Degrees of freedom that the sigmas are known to, by one factor common to them.
 
     Returns
     -------
@@ -92,7 +103,7 @@ def scatter_between(
         raise ValueError("expected two values or more, with a sigma ≥ 0 each")
     n = c.size
     observed = float(np.std(c, ddof=1))
-    tau2 = _solve(c, s, float(n - 1))
+    tau2 = _solve(c, s, lambda _: float(n - 1))
     weights = _weights(tau2, s, observed)
     along = np.arange(n, dtype=float) if order is None else np.asarray(order, dtype=float)
     slope, p = trend(c, along)
@@ -101,33 +112,46 @@ def scatter_between(
         mean=float(weights @ c / weights.sum()),
         mean_sigma=float(1.0 / np.sqrt(weights.sum())),
         sigma_run=float(np.sqrt(tau2)),
-        ci95=_limits(c, s, observed, (TAIL, TAIL)),
+        ci95=_limits(c, s, TAIL, sigma_dof),
         sigma_runs_observed=observed,
         sigma_estimation=float(np.sqrt(np.mean(s**2))),
         max_minus_min=float(np.ptp(c)),
-        max_minus_min_ci95=range_bounds(c, s, 2 * TAIL),
+        max_minus_min_ci95=range_bounds(c, s, 2 * TAIL, sigma_dof),
         trend_per_run=slope,
         trend_p=p,
+        trend_share=float(np.corrcoef(along, c)[0, 1] ** 2) if p is not None and np.ptp(c) else 0.0,
     )
 
 
-def sigma_bounds(values: ArrayLike, sigmas: ArrayLike, alpha: float) -> Limits:
+def sigma_bounds(
+    values: ArrayLike, sigmas: ArrayLike, alpha: float, sigma_dof: float = np.inf
+) -> Limits:
     """Return a lower and an upper bound of τ, each wrong in a share `alpha` of cases."""
     c, s = np.asarray(values, dtype=float), np.asarray(sigmas, dtype=float)
-    return _limits(c, s, float(np.std(c, ddof=1)), (alpha, alpha))
+    return _limits(c, s, alpha, sigma_dof)
 
 
-def _limits(c: FloatArray, s: FloatArray, observed: float, tails: tuple[float, float]) -> Limits:
-    """Return where Q(τ²) equals the quantiles of χ² that leave `tails` outside.
+def _limits(c: FloatArray, s: FloatArray, tail: float, sigma_dof: float) -> Limits:
+    """Return where Q(τ²) equals the quantiles that leave `tail` outside on either side.
 
-    Estimates that agree better than their sigmas allow would give an upper limit of 0; then it is
-    that of the whole scatter, which τ cannot exceed.
+    With sigmas known to ν degrees of freedom Q/(n − 1) is a ratio of mean squares: F, whose
+    denominator τ² + s² has ν·((τ² + s²)/s²)² degrees of freedom (Satterthwaite 1946). Estimates
+    that agree better than their sigmas allow would give an upper limit of 0; then it is that of
+    the whole scatter, which τ cannot exceed.
     """
     dof = c.size - 1
-    below, above = stats.chi2.isf(tails[0], dof), stats.chi2.ppf(tails[1], dof)
-    lo, hi = _solve(c, s, float(below)), _solve(c, s, float(above))
+    s2 = float(np.mean(s**2))
+
+    def quantile(tau2: float, probability: float) -> float:
+        if not np.isfinite(sigma_dof) or s2 == 0.0:
+            return float(stats.chi2.ppf(probability, dof))
+        known_to = sigma_dof * ((tau2 + s2) / s2) ** 2
+        return dof * float(special.fdtri(dof, min(known_to, MANY), probability))
+
+    lo = _solve(c, s, lambda tau2: quantile(tau2, 1.0 - tail))
+    hi = _solve(c, s, lambda tau2: quantile(tau2, tail))
     if hi == 0.0:
-        hi = observed**2 * dof / float(above)
+        hi = float(np.var(c, ddof=1)) * dof / float(stats.chi2.ppf(tail, dof))
     return float(np.sqrt(lo)), float(np.sqrt(hi))
 
 
@@ -137,7 +161,7 @@ def _weights(tau2: float, s: FloatArray, observed: float) -> FloatArray:
     return 1.0 / np.maximum(tau2 + s**2, (1e-9 * max(observed, float(s.max()))) ** 2)
 
 
-def _solve(c: FloatArray, s: FloatArray, target: float) -> float:
+def _solve(c: FloatArray, s: FloatArray, target: Callable[[float], float]) -> float:
     """Return the τ² at which Q, the weighted sum of squares about the weighted mean, is `target`.
 
     Q falls with τ²; 0 where it is below `target` from the start.
@@ -150,11 +174,13 @@ def _solve(c: FloatArray, s: FloatArray, target: float) -> float:
     def excess(tau2: float) -> float:
         w = 1.0 / (tau2 + s**2 + floor)
         mean = w @ c / w.sum()
-        return float(w @ (c - mean) ** 2) - target
+        return float(w @ (c - mean) ** 2) - target(tau2)
 
     if excess(0.0) <= 0.0:
         return 0.0
-    top = 1.001 * total / target  # with s = 0 Q is there but for rounding; with any s it is lower
+    top = total  # with any s Q is at most total/τ²
+    while excess(top) > 0.0:
+        top *= 4.0
     return float(optimize.brentq(excess, 0.0, top, xtol=1e-12 * top, rtol=1e-10))
 
 
@@ -174,7 +200,9 @@ def trend(c: FloatArray, order: FloatArray) -> tuple[float | None, float | None]
     return slope, float(2.0 * stats.t.sf(abs(t), c.size - 2))
 
 
-def range_bounds(values: ArrayLike, sigmas: ArrayLike, alpha: float) -> Limits:
+def range_bounds(
+    values: ArrayLike, sigmas: ArrayLike, alpha: float, sigma_dof: float = np.inf
+) -> Limits:
     """Return bounds of the range of the true values, together wrong in a share `alpha` or less.
 
     A range is a seminorm: the range of the estimates and that of the true values differ by the
@@ -182,21 +210,42 @@ def range_bounds(values: ArrayLike, sigmas: ArrayLike, alpha: float) -> Limits:
     """
     c, s = np.asarray(values, dtype=float), np.asarray(sigmas, dtype=float)
     width = float(np.ptp(c))
-    slack = float(s.max()) * range_quantile(c.size, 1.0 - alpha)
+    slack = float(s.max()) * range_quantile(c.size, 1.0 - alpha, sigma_dof)
     return max(0.0, width - slack), width + slack
 
 
-def range_quantile(n: int, probability: float) -> float:
-    """Return the quantile of the range of n standard normal values."""
-    found = optimize.brentq(lambda w: _range_cdf(w, n) - probability, 0.0, 20.0, xtol=1e-6)
+def range_quantile(n: int, probability: float, sigma_dof: float = np.inf) -> float:
+    """Return the quantile of the range of n normal values over their sigma.
+
+    The sigma is known to `sigma_dof` degrees of freedom (the studentised range); with infinitely
+    many it is that of standard normal values.
+    """
+    if sigma_dof < MANY:  # to 3 %, so that the values can be kept
+        sigma_dof = float(np.exp(0.03 * np.floor(np.log(sigma_dof) / 0.03)))
+    return _range_quantile(n, probability, sigma_dof)
+
+
+@cache
+def _range_quantile(n: int, probability: float, sigma_dof: float) -> float:
+    widths, below = _range_law(n)
+    sizes = np.ones(1)
+    if sigma_dof < MANY:  # the sigma's true size over the stated one, 200 equally likely values
+        levels = (np.arange(200) + 0.5) / 200
+        sizes = np.sqrt(special.chdtri(sigma_dof, 1.0 - levels) / sigma_dof)
+    found = optimize.brentq(
+        lambda w: float(np.mean(np.interp(w * sizes, widths, below))) - probability, 0.0, 1e4
+    )
     return float(found)
 
 
-def _range_cdf(width: float, n: int) -> float:
-    """Return P(range ≤ width) = n·∫ φ(z)·(Φ(z + width) − Φ(z))^(n−1) dz, by a fine sum."""
-    z = np.linspace(-8.0 - width, 8.0, 2001)
-    inside = stats.norm.cdf(z + width) - stats.norm.cdf(z)
-    return float(n * np.trapezoid(stats.norm.pdf(z) * inside ** (n - 1), z))
+@cache
+def _range_law(n: int) -> tuple[FloatArray, FloatArray]:
+    """Return widths and P(range ≤ width) = n·∫ φ(z)·(Φ(z + width) − Φ(z))^(n−1) dz."""
+    widths = np.linspace(0.0, 14.0, 1401)
+    z = np.linspace(-8.0, 8.0, 801)
+    inside = special.ndtr(z + widths[:, None]) - special.ndtr(z)
+    below = n * np.trapezoid(stats.norm.pdf(z) * inside ** (n - 1), z, axis=1)
+    return widths, np.minimum(below, 1.0)
 
 
 def holm(p_values: Mapping[str, float], alpha: float) -> tuple[str, ...]:

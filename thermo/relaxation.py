@@ -1,11 +1,19 @@
 """A coefficient that relaxes from cycle to cycle: what its estimates say of its future.
 
-Estimate k = 0, 1, … of a coefficient is ``c∞ + A·g(k/κ) + kicks so far + error``. g is the law of
-relaxation: exp(−k/κ), or the slow 1/(1 + k/κ). The kick before cycle k has the standard deviation
-h·g(k/κ): the less stress is left, the smaller. The error is the estimate's own (its sigma is
-given) and a scatter ρ between runs that no estimate knows of. κ, h and ρ are on a grid with equal
-weights per ratio; given them everything is Gaussian and exact. All is in units of the limit, so
-that the priors need no unit.
+Estimate k = 0, 1, … of a coefficient is ``c∞ + A·g(k/κ) + B·v(k) + slips so far + error``.
+
+- g is the law of relaxation: exp(−k/κ), or the slow 1/(1 + k/κ); A may be 0: nothing relaxes.
+- v is something slower beside it: a second exponential or a creep without end; B may be 0.
+- Slips are kicks before each cycle, of the standard deviation h·g(k/κ) (the less stress is left,
+  the smaller), or a random walk of equal steps.
+- The error is the estimate's own (its sigma is given) and a scatter ρ between runs that no
+  estimate knows of.
+
+κ, h, ρ and the kind and size of what is slow are on a grid of rival hypotheses; given them
+everything is Gaussian and exact (κ between two points of the grid to first order: otherwise a slow
+process would pose as what the grid cannot hold). The evidence weighs them (Bayesian model
+averaging; Hoeting et al. 1999, Stat. Sci. 14, 382). All is in units of the limit, so that the
+priors need no unit.
 """
 
 from collections.abc import Sequence
@@ -19,8 +27,16 @@ from errormodel.arrays import FloatArray, IntArray, freeze, readonly
 Law = Literal["exponential", "hyperbolic"]
 
 KAPPA = np.geomspace(0.5, 60.0, 32)  # cycles
-KICK = (0.05, 20.0, 6)  # h, in limits: from, to, how many
-SCATTER = (0.03, 3.0, 5)  # ρ, in limits
+KICK = (0.05, 20.0, 4)  # h, in limits: from, to, how many
+SCATTER = (0.03, 3.0, 3)  # ρ, in limits
+# Nothing relaxes, beforehand, in this share of coefficients; beside what relaxes, nothing slow
+# goes on in that one, a second process or creep in that, a random walk in the rest. With rarer
+# rivals a creep of 1.5 µg a cycle (known to 2 µg) is called settled before it shows; with more
+# frequent ones a plain exponential is kept in the chamber for more than twice as long.
+STILL, NOT_SLOW, SLOW = 0.3, 0.9, 0.06
+SLOW_KAPPA = (20.0, np.inf)  # cycles; the last is creep
+SLOW_SIZE = (2.0, 10.0)  # its change within HORIZON cycles, limits, 1 sigma
+WALK = (0.1, 0.4)  # step a cycle, limits
 QUIET = 0.3  # where estimates are much better than the limit, both begin at this share of a sigma
 # Prior of A: so many limits, or so many times what was seen, whichever is more.
 AMPLITUDE_LIMITS, AMPLITUDE_SEEN = 50.0, 3.0
@@ -90,6 +106,8 @@ class Draws:
         Its change from the last cycle on: 0, after one more cycle, …, and in the end.
     needed : ndarray of int, shape (m,)
         Further cycles after which it never again changes by more than the limit.
+    slow : ndarray, shape (m,)
+        What a slow process beside the relaxation will change within `HORIZON` cycles.
     """
 
     kappa: FloatArray
@@ -98,20 +116,35 @@ class Draws:
     past: FloatArray
     future: FloatArray
     needed: IntArray
+    slow: FloatArray
+
+    def joined(self, other: "Draws", share: float) -> "Draws":
+        """Return these draws with a share of them in place of those of another law."""
+        mine = round((1.0 - share) * self.needed.size)
+        both = {
+            name: np.concatenate([getattr(self, name)[:mine], getattr(other, name)[mine:]])
+            for name in ("kappa", "amplitude", "final", "past", "future", "needed", "slow")
+        }
+        return Draws(**both)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class _Grid:
-    """The Gaussian posterior of (c∞, A) at every (κ, h, ρ) for one series, in limits."""
+    """The Gaussian posterior under every hypothesis for one series, in limits.
+
+    The coefficients are c∞, A, A times the deviation of ln κ from the grid, and B.
+    """
 
     series: Series
-    shape: FloatArray  # (g, n + HORIZON + 1): g(k/κ), the last 0
-    kick: FloatArray  # (g,)
-    kick_cov: FloatArray  # (g, n, n) of the kicks so far
+    shape: FloatArray  # (g, n + HORIZON + 1): A's g(k/κ), the last 0; 0 where nothing relaxes
+    bend: FloatArray  # (g, n + HORIZON + 1): the derivative of `shape` by ln κ
+    slow: FloatArray  # (g, n + HORIZON + 1): B's v(k)
+    slip: FloatArray  # (g, n + HORIZON + 1): standard deviation of the slip before each cycle
+    slip_cov: FloatArray  # (g, n, n) of the slips so far
     inverse: FloatArray  # (g, n, n) of the estimates' covariance
     shifted: FloatArray  # (n,) estimates less the last one
-    mean: FloatArray  # (g, 2)
-    precision: FloatArray  # (g, 2, 2)
+    mean: FloatArray  # (g, 4)
+    precision: FloatArray  # (g, 4, 4)
     log_weight: FloatArray  # (len(KAPPA), g / len(KAPPA))
 
     @property
@@ -179,67 +212,149 @@ def law_shape(law: Law, cycle: FloatArray, kappa: FloatArray) -> FloatArray:
     return np.exp(-ratio) if law == "exponential" else 1.0 / (1.0 + ratio)
 
 
+@dataclass(frozen=True, slots=True)
+class _Rival:
+    """One kind of hypothesis: kick h and scatter ρ in limits, what is slow, and the prior."""
+
+    kick: float
+    scatter: float
+    relaxes: bool
+    slow_kappa: float  # 0 where nothing slow goes on
+    slow_size: float
+    walk: float
+    log_prior: float
+
+
+def _rivals(quiet: float) -> list[_Rival]:
+    """Return the hypotheses for each κ."""
+    kicks, scatters = (
+        np.geomspace(min(lo, quiet), hi, m).tolist() for lo, hi, m in (KICK, SCATTER)
+    )
+    slow = [(0.0, 0.0, 0.0, NOT_SLOW)]
+    each = SLOW / (len(SLOW_KAPPA) * len(SLOW_SIZE))
+    slow += [(kappa, size, 0.0, each) for kappa in SLOW_KAPPA for size in SLOW_SIZE]
+    slow += [(0.0, 0.0, q, (1.0 - NOT_SLOW - SLOW) / len(WALK)) for q in WALK]
+    found: list[_Rival] = []
+    for kappa, size, walk, prior in slow:
+        # beside what is slow every other h and ρ do
+        thin = slice(None) if kappa == walk == 0.0 else slice(0, None, 2)
+        hs, rhos = kicks[thin], scatters[thin]
+        for rho in rhos:
+            for relaxes, h, share in [(False, 0.0, STILL)] + [
+                (True, h, (1.0 - STILL) / len(hs)) for h in hs
+            ]:
+                log_prior = float(np.log(prior * share / len(rhos)))
+                found.append(_Rival(h, rho, relaxes, kappa, size, walk, log_prior))
+    return found
+
+
+def slow_shape(cycle: FloatArray, kappa: float) -> FloatArray:
+    """Return the way of a slow process over cycles: 0 at first, 1 after `HORIZON` (creep)."""
+    if kappa == 0.0:
+        return np.zeros_like(cycle)
+    return cycle / HORIZON if np.isinf(kappa) else 1.0 - np.exp(-cycle / kappa)
+
+
+def law_bend(law: Law, cycle: FloatArray, kappa: FloatArray) -> FloatArray:
+    """Return the derivative of `law_shape` by ln κ."""
+    ratio = cycle / kappa
+    return ratio * np.exp(-ratio) if law == "exponential" else ratio / (1.0 + ratio) ** 2
+
+
 def _posterior(series: Series, law: Law) -> _Grid:
     n = series.values.size
     quiet = QUIET * max(float(np.min(series.sigmas)) / series.limit, 1e-6)
-    kicks, scatters = (np.geomspace(min(lo, quiet), hi, m) for lo, hi, m in (KICK, SCATTER))
-    kappa, kick, scatter = (a.ravel() for a in np.meshgrid(KAPPA, kicks, scatters, indexing="ij"))
-    ahead = law_shape(law, np.arange(n + HORIZON, dtype=float), kappa[:, None])
-    shape = np.column_stack([ahead, np.zeros(kappa.size)])
-    seen = shape[:, :n]
-    sums = np.cumsum(np.where(np.arange(n) > 0, seen**2, 0.0), axis=1)
-    earlier = np.minimum.outer(np.arange(n), np.arange(n))
-    kick_cov = kick[:, None, None] ** 2 * sums[:, earlier]
+    rivals = _rivals(quiet)
+    cycle = np.arange(n + HORIZON + 1, dtype=float)
+    ahead = law_shape(law, cycle, KAPPA[:, None])
+    ahead[:, -1] = 0.0
+    relaxes, kick, walk, scatter = (
+        np.array([getattr(r, name) for r in rivals], dtype=float)
+        for name in ("relaxes", "kick", "walk", "scatter")
+    )
+    each = (KAPPA.size, len(rivals), cycle.size)
+    shape = (ahead[:, None, :] * relaxes[:, None]).reshape(-1, cycle.size)
+    bent = law_bend(law, cycle, KAPPA[:, None])
+    bent[:, -1] = 0.0
+    bend = (bent[:, None, :] * relaxes[:, None]).reshape(-1, cycle.size)
+    slip = (np.hypot(kick[:, None] * ahead[:, None, :], walk[:, None])).reshape(-1, cycle.size)
+    of_rival = np.array([slow_shape(cycle, r.slow_kappa) for r in rivals])
+    slow = np.broadcast_to(of_rival, each).reshape(-1, cycle.size)
+    scatter = np.tile(scatter, KAPPA.size)
+    sums = np.cumsum(np.where(np.arange(n) > 0, slip[:, :n] ** 2, 0.0), axis=1)
+    slip_cov = sums[:, np.minimum.outer(np.arange(n), np.arange(n))]
     error = np.diag((series.sigmas / series.limit) ** 2)
-    cov = kick_cov + error + scatter[:, None, None] ** 2 * np.eye(n)
+    cov = slip_cov + error + scatter[:, None, None] ** 2 * np.eye(n)
     inverse = np.linalg.inv(cov)
     shifted = (series.values - series.values[-1]) / series.limit
     size = max(AMPLITUDE_LIMITS, AMPLITUDE_SEEN * float(np.ptp(shifted)))
-    columns = np.stack([np.ones_like(seen), seen], axis=2)
+    slow_size = np.tile([r.slow_size or 1.0 for r in rivals], KAPPA.size)
+    between = float(np.log(KAPPA[1] / KAPPA[0]) / np.sqrt(12.0))  # uniform over a step
+    prior = np.stack(
+        [
+            np.full(slow_size.size, 1.0 / (LEVEL_WIDER * size) ** 2),
+            np.full(slow_size.size, 1.0 / size**2),
+            np.full(slow_size.size, 1.0 / (between * max(float(np.ptp(shifted)), 1.0)) ** 2),
+            1.0 / slow_size**2,
+        ],
+        axis=1,
+    )
+    ones = np.ones_like(shape[:, :n])
+    columns = np.stack([ones, shape[:, :n], bend[:, :n], slow[:, :n]], axis=2)
     weighed = columns.transpose(0, 2, 1) @ inverse
-    precision = weighed @ columns + np.diag([1.0 / (LEVEL_WIDER * size) ** 2, 1.0 / size**2])
+    precision = weighed @ columns + prior[:, :, None] * np.eye(4)
     target = weighed @ shifted
     mean = np.asarray(np.linalg.solve(precision, target[:, :, None]), dtype=float)[:, :, 0]
     chi2 = inverse @ shifted @ shifted - (target * mean).sum(axis=1)
-    log_det = np.linalg.slogdet(cov)[1] + np.linalg.slogdet(precision)[1]
+    log_det = _log_det(cov) + _log_det(precision) - np.log(prior).sum(axis=1)
+    log_prior = np.tile([r.log_prior for r in rivals], KAPPA.size)
     return _Grid(
         series=series,
         shape=shape,
-        kick=kick,
-        kick_cov=kick_cov,
+        bend=bend,
+        slow=slow,
+        slip=slip,
+        slip_cov=slip_cov,
         inverse=inverse,
         shifted=shifted,
         mean=mean,
         precision=precision,
-        log_weight=(-0.5 * (log_det + chi2)).reshape(KAPPA.size, -1),
+        log_weight=(log_prior - 0.5 * (log_det + chi2)).reshape(KAPPA.size, -1),
     )
 
 
+def _log_det(cov: FloatArray) -> FloatArray:
+    """Return the logarithm of the determinants of positive definite matrices (g, n, n)."""
+    root = np.diagonal(np.linalg.cholesky(cov), axis1=1, axis2=2)
+    return np.asarray(2.0 * np.log(root).sum(axis=1))
+
+
 def _drawn(grid: _Grid, kappa: IntArray, at: IntArray, rng: np.random.Generator) -> Draws:
-    """Draw coefficients, kicks so far and kicks to come at the grid points given."""
+    """Draw coefficients, slips so far and slips to come under the hypotheses given."""
     n, limit = grid.shifted.size, grid.series.limit
-    root = np.linalg.cholesky(np.linalg.inv(grid.precision))
-    level, size = (grid.mean[at] + (root[at] @ rng.standard_normal((at.size, 2, 1)))[:, :, 0]).T
-    seen, ahead = grid.shape[at, :n], grid.shape[at, n:]
-    curve = level[:, None] + size[:, None] * seen
-    apart = grid.inverse[at] @ (grid.shifted - curve)[:, :, None]
-    kicked = (grid.kick_cov[at] @ apart)[:, :, 0]
-    to_last = grid.kick_cov[:, -1:]
-    known = (to_last @ grid.inverse @ to_last.transpose(0, 2, 1))[:, 0, 0]
-    left = (grid.kick_cov[:, -1, -1] - known)[at]
-    last = curve[:, -1] + kicked[:, -1]
-    last += np.sqrt(np.maximum(left, 0.0)) * rng.standard_normal(at.size)
-    kicks = grid.kick[at, None] * ahead * rng.standard_normal(ahead.shape)
-    change = size[:, None] * (ahead - seen[:, -1:]) + np.cumsum(kicks, axis=1)
+    root = np.linalg.cholesky(np.linalg.inv(grid.precision[at]))
+    found = grid.mean[at] + (root @ rng.standard_normal((at.size, 4, 1)))[:, :, 0]
+    level, size, apart, slow = found.T[:, :, None]
+    way = size * grid.shape[at] + apart * grid.bend[at] + slow * grid.slow[at]
+    curve = level + way[:, :n]
+    inverse, slip_cov = grid.inverse[at], grid.slip_cov[at]
+    slipped = (slip_cov @ inverse @ (grid.shifted - curve)[:, :, None])[:, :, 0]
+    to_last = slip_cov[:, -1:]
+    known = (to_last @ inverse @ to_last.transpose(0, 2, 1))[:, 0, 0]
+    left = np.maximum(slip_cov[:, -1, -1] - known, 0.0)
+    last = curve[:, -1] + slipped[:, -1] + np.sqrt(left) * rng.standard_normal(at.size)
+    slips = grid.slip[at, n:] * rng.standard_normal((at.size, HORIZON + 1))
+    change = way[:, n:] - way[:, n - 1 : n] + np.cumsum(slips, axis=1)
     future = np.column_stack([np.zeros(at.size), change])
     offset = grid.series.values[-1]
     return Draws(
         kappa=KAPPA[kappa],
-        amplitude=limit * size,
+        amplitude=limit * size[:, 0],
         final=offset + limit * (last + future[:, -1]),
-        past=offset + limit * (curve + kicked),
+        past=offset + limit * (curve + slipped),
         future=limit * future,
         needed=cycles_needed(future, 1.0),
+        slow=limit * (slow * (grid.slow[at, n:] - grid.slow[at, n - 1 : n]))[:, -1],
     )
 
 

@@ -1,10 +1,10 @@
 """Run-in: whether an accelerometer has settled, and how many cycles it still needs.
 
 The rule is a sequential test. After each cycle the future of K0 and K1 is inferred
-(`thermo.relaxation`) and the accelerometer has settled when, with the confidence asked for, none of
-them will ever again change by more than its limit. A posterior probability may be looked at as
-often as one likes: the risk of stopping is the one stated at the stop, however many looks came
-before.
+(`thermo.relaxation`), over all rivals of a single relaxation that the cycles do not exclude. The
+accelerometer has settled when, with the confidence asked for, none of the two will ever again
+change by more than its limit. A posterior probability may be looked at as often as one likes: the
+risk of stopping is the one stated at the stop, however many looks came before.
 """
 
 from collections.abc import Sequence
@@ -16,15 +16,14 @@ from scipy import stats
 from errormodel.arrays import FloatArray, IntArray
 from thermo.relaxation import HORIZON, Draws, Law, Series, weigh
 
-DRAWS = 4000  # a probability of 0.95 is then known to 0.0035
+DRAWS = 3000  # a probability of 0.95 is then known to 0.004
 SEED = 1  # the same estimates always give the same verdict
 MIN_CYCLES = 3
-# Mistaking a slow law for the exponential one stops too early, the opposite too late: in doubt,
-# which is up to odds of e, the slow one is taken.
-IN_DOUBT = 1.0
 EXCLUDED = 3.0  # a law is excluded at odds of 20, of which this is the logarithm
 # So many cycles at either end make the instability before and after, fewer when there are fewer.
 WINDOW = 4
+JUMP_SIGMAS, JUMP_TIMES = 4.0, 1.5  # of noise; times what the cycle before changed by
+SCATTER_TOLD = 0.25  # of the limit: two cycles then differ by a third of it and more
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -58,6 +57,16 @@ class Relaxation:
     cycles_needed: tuple[int, int | None]
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Jump:
+    """A sudden change of a coefficient; `cycle` counts from 1 and is the first one changed."""
+
+    coefficient: str
+    unit: str
+    cycle: int
+    size: float
+
+
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class RunInVerdict:
     """What is known of one accelerometer's run-in after its last cycle.
@@ -67,8 +76,8 @@ class RunInVerdict:
     serial : str
     cycles : int
     law : {"exponential", "hyperbolic"}
-        The law judged by: the exponential one where the estimates support it better at odds of
-        e at least (`IN_DOUBT`).
+        The law that the estimates support better; the verdict is the mean over both, each with
+        its evidence.
     log_evidence_ratio : float
         Natural logarithm of the hyperbolic law's evidence over the exponential one's.
     other_law_needs : (int, int or None) or None
@@ -81,9 +90,7 @@ class RunInVerdict:
         Whether `settled_probability` reaches `confidence`.
     cycles_needed : (int, int or None)
         Fewer than the first or more than the second are needed with a probability of at most
-        1 − `confidence` each, under `law`; while that is the slow one and the exponential one is
-        not excluded, the first is that of the latter. None: more than
-        `thermo.relaxation.HORIZON`.
+        1 − `confidence` each. None: more than `thermo.relaxation.HORIZON`.
     """
 
     serial: str
@@ -101,14 +108,63 @@ class RunInVerdict:
     def sentence(self) -> str:
         """The verdict in one line."""
         risk = 100 * (1 - self.confidence)
+        jumped = "".join(
+            f"; {j.coefficient.upper()} jumped by {j.size:+.3g} {j.unit} in cycle {j.cycle}"
+            for j in self.jumps
+        )
         if self.settled:
             what = f"settled after {self.cycles} cycles: no further change above the limits"
             left = max(1 - self.settled_probability, 1 / DRAWS)  # no draw tells of a smaller one
-            return f"{self.serial}: {what}, risk {100 * left:.2g} %"
+            return (
+                f"{self.serial}: {what}, risk {100 * left:.2g} %, unless something begins that has "
+                f"not begun to show{self._scatter_text()}{jumped}"
+            )
         return (
             f"{self.serial}: not settled after {self.cycles} cycles; cycles still needed: "
-            f"{needed_text(self.cycles_needed)} (risk {risk:.2g} % on either side)"
+            f"{needed_text(self.cycles_needed)} (risk {risk:.2g} % on either side){jumped}"
         )
+
+    @property
+    def jumps(self) -> tuple[Jump, ...]:
+        """Changes from one cycle to the next that no relaxation makes, and noise hardly."""
+        return tuple(j for c in self.coefficients for j in _jumps(c.series))
+
+    def _scatter_text(self) -> str:
+        """Tell a scatter of single cycles that their own sigmas do not explain."""
+        told = [
+            f"{c.series.name.upper()} {c.after.sigma:.2g} {c.series.unit}"
+            for c in self.coefficients
+            if c.after is not None
+            and c.after.ci95[0] > c.estimate_sigma
+            and c.after.sigma > SCATTER_TOLD * c.series.limit
+        ]
+        if not told:
+            return ""
+        return (
+            f"; single cycles scatter by {', '.join(told)} (1 σ: turn-on, time of day), not counted"
+        )
+
+
+def _jumps(series: Series) -> list[Jump]:
+    """Return the changes above the limit that are larger than the one before them.
+
+    What relaxes changes by less and less.
+    """
+    change = np.diff(series.values)
+    sigma = np.hypot(series.sigmas[1:], series.sigmas[:-1])
+    usual = np.abs(change[:-1]) + JUMP_SIGMAS * sigma[1:]
+    far = (np.abs(change[1:]) > series.limit) & (np.abs(change[1:]) > JUMP_TIMES * usual)
+    # the way back from one odd cycle is no jump of its own
+    far[1:] &= ~far[:-1]
+    return [
+        Jump(
+            coefficient=series.name,
+            unit=series.unit,
+            cycle=int(k) + 3,
+            size=float(change[k + 1]),
+        )
+        for k in np.flatnonzero(far)
+    ]
 
 
 def judge_run_in(
@@ -140,17 +196,17 @@ def judge_run_in(
         raise ValueError(f"series of {sorted(lengths)} cycles, confidence {confidence}")
     exponential, hyperbolic = weigh(series, "exponential"), weigh(series, "hyperbolic")
     ratio = hyperbolic.log_evidence - exponential.log_evidence
-    slow = ratio > -IN_DOUBT
-    better, other = (hyperbolic, exponential) if slow else (exponential, hyperbolic)
-    draws = better.draw(DRAWS, np.random.default_rng(SEED))
+    better, other = (hyperbolic, exponential) if ratio > 0 else (exponential, hyperbolic)
+    under = better.draw(DRAWS, np.random.default_rng(SEED))
+    other_needs, draws = None, under
+    if abs(ratio) < EXCLUDED:
+        rest = other.draw(DRAWS, np.random.default_rng(SEED + 1))
+        other_needs = _interval(_of_all(rest), confidence)
+        share = float(1.0 / (1.0 + np.exp(abs(ratio))))  # of the other law
+        draws = tuple(a.joined(b, share) for a, b in zip(under, rest, strict=True))
     needed = _of_all(draws)
     probability = float(np.count_nonzero(needed == 0) / needed.size)
-    open_question = abs(ratio) < EXCLUDED
-    rest = other.draw(DRAWS, np.random.default_rng(SEED)) if open_question else ()
-    other_needs = _interval(_of_all(rest), confidence) if rest else None
     low, high = _interval(needed, confidence)
-    if other_needs is not None and better is hyperbolic:
-        low = min(low, other_needs[0])
     return RunInVerdict(
         serial=serial,
         cycles=lengths.pop(),

@@ -7,6 +7,8 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from datetime import datetime
+from itertools import pairwise
 
 import numpy as np
 
@@ -22,20 +24,26 @@ from thermo.stability_coefficients import (
     coefficients_at,
     criteria_of,
     model_coefficients,
+    unjudged,
 )
 from thermo.stability_components import variance_components
-from thermo.stability_curves import CurveSet, Distance, Shape, curve_sets, distance, shape_of
+from thermo.stability_curves import CurveSet, Distance, curve_sets, distance
+from thermo.stability_events import CommonEvent, common_events, without_common
 from thermo.stability_limits import (
     FALSE_ALARM,
     Criterion,
     Interval,
     LimitsFile,
     Verdict,
-    grade_of,
+    grades_of,
     intervals,
     verdict_of,
 )
+from thermo.stability_noise import LOOPS_DIFFER
+from thermo.stability_notes import LeftOut, comparable, notes_of
+from thermo.stability_patterns import Loops, Pattern, loops_of, patterns_of
 from thermo.stability_runs import RunByRun, fit_run_by_run
+from thermo.stability_shape import Shape, shape_of
 
 DEFINITION = (
     "Repeatability: the agreement of repeated measurements of the same quantity under the same "
@@ -54,6 +62,7 @@ class AccelerometerStability:
     Attributes
     ----------
     runs : RunByRun
+        What all accelerometers of the batch have in common taken out.
     coefficients : tuple of CoefficientStability
         Those of the model, at the reference temperature, then K0 and K1 at the others.
     curves : tuple of CurveSet
@@ -62,10 +71,16 @@ class AccelerometerStability:
     allan : AllanDeviation
         Of the holds; empty without any.
     trends : tuple of str
-        Coefficients that move with the runs, with 5 % for one false name or more.
+        Coefficients that move with time (with the runs' order where their starts are not known),
+        with 5 % for one false name or more.
+    patterns : tuple of Pattern
+        Steps and odd runs.
+    loops : Loops or None
+        Heating less cooling of each run.
     criteria : tuple of Criterion
     verdict : str
-    grade : str or None
+    grade, grade_best : str or None
+        The best grade shown to be kept, and the best not excluded.
     rank : int
         1 is the best of the batch by `shape.spread_ug`.
     notes : tuple of str
@@ -79,9 +94,12 @@ class AccelerometerStability:
     shape: Shape | None
     allan: AllanDeviation
     trends: tuple[str, ...]
+    patterns: tuple[Pattern, ...]
+    loops: Loops | None
     criteria: tuple[Criterion, ...]
     verdict: Verdict
     grade: str | None
+    grade_best: str | None
     rank: int
     notes: tuple[str, ...]
 
@@ -90,6 +108,11 @@ class AccelerometerStability:
         """Serial number."""
         return self.runs.joint.serial
 
+    @property
+    def loops_differ(self) -> bool:
+        """Whether the loop of heating and cooling differs from run to run beyond chance."""
+        return self.loops is not None and self.loops.p_value < LOOPS_DIFFER
+
     def coefficient(self, name: str) -> CoefficientStability | None:
         """Return one coefficient; None when too few runs give it."""
         return next((c for c in self.coefficients if c.name == name), None)
@@ -97,7 +120,25 @@ class AccelerometerStability:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Stability:
-    """A batch: `order` are the runs in their order, `at_c` the reference temperatures."""
+    """A batch.
+
+    Attributes
+    ----------
+    accelerometers : tuple of AccelerometerStability
+    components : VarianceFit or None
+    order : tuple of str
+        The runs in their order.
+    by_time : bool
+        Whether that is by their start.
+    intervals : tuple of Interval
+    at_c : tuple of float
+        Reference temperatures.
+    limits : LimitsFile
+    events : tuple of CommonEvent
+        Runs in which all accelerometers moved together.
+    left_out : tuple of LeftOut
+        Accelerometers, or runs of them, that could not be compared.
+    """
 
     accelerometers: tuple[AccelerometerStability, ...]
     components: VarianceFit | None
@@ -106,6 +147,8 @@ class Stability:
     intervals: tuple[Interval, ...]
     at_c: tuple[float, ...]
     limits: LimitsFile
+    events: tuple[CommonEvent, ...]
+    left_out: tuple[LeftOut, ...]
 
     @property
     def failed(self) -> bool:
@@ -125,7 +168,7 @@ def judge_stability(
     Parameters
     ----------
     runs : RecordedRuns
-        Two runs or more of each accelerometer.
+        Two runs or more of each accelerometer; one that has fewer is left out.
     terms : TermsFile, optional
         The model; by default the data of all runs choose it.
     at_c : sequence of float
@@ -140,41 +183,39 @@ def judge_stability(
     Raises
     ------
     InputError
-        If an accelerometer has one run only, a run cannot give K0, or the limits name something
-        that is not there.
+        If no accelerometer has two runs that can be compared, a run cannot give K0, or the limits
+        name something that no accelerometer gives.
     NotSeparableError
         If the data cannot separate the terms given.
     """
-    _check_runs(runs)
+    usable, left_out = comparable(runs)
     wanted, asked = terms or TermsFile(), limits or LimitsFile()
     temperatures = tuple(at_c) or (wanted.t_ref_c,)
     # the head's errors are the same in every run: no part of what one run differs from another by
     wanted = wanted.model_copy(update={"t_ref_c": temperatures[0], "head_arcsec": 0.0})
-    order, by_time = _order(runs)
-    between = intervals(order, asked.between, runs.run_start_utc, _spans_s(runs))
+    order, by_time = _order(usable)
+    spans_s = _spans_s(usable)
+    between = intervals(order, asked.between, usable.run_start_utc, spans_s)
     batch = tuple(
         fit_run_by_run(one, [r for r in order if r in one.channel.run_ids])
-        for one in fit_runs(runs, terms=wanted)
+        for one in fit_runs(usable, terms=wanted)
     )
-    judged = [_judge(one, temperatures, asked) for one in batch]
-    _check_limits(judged, asked, runs.source)
+    events = common_events(batch)
+    own = tuple(without_common(one, events) for one in batch)
+    days = _days(order, usable.run_start_utc, spans_s) if by_time else {}
+    judged = [_judge(one, temperatures, asked, days) for one in own]
+    _check_limits(judged, asked, usable.source)
     return Stability(
         accelerometers=_ranked(judged),
-        components=variance_components(batch),
+        components=variance_components(own, events),
         order=order,
         by_time=by_time,
         intervals=between,
         at_c=temperatures,
         limits=asked,
+        events=events,
+        left_out=left_out,
     )
-
-
-def _check_runs(runs: RecordedRuns) -> None:
-    for k, serial in enumerate(runs.serials):
-        mine = np.unique(runs.run.codes[(runs.serial.codes == k) & runs.good])
-        if mine.size < 2:
-            problem = f"{mine.size} run with good readings; run-to-run stability needs two or more"
-            raise InputError(runs.source, f"serial {serial}", problem)
 
 
 def _order(runs: RecordedRuns) -> tuple[tuple[str, ...], bool]:
@@ -191,15 +232,39 @@ def _spans_s(runs: RecordedRuns) -> dict[str, float]:
     return dict(zip(runs.run_ids, last.tolist(), strict=True))
 
 
+def _days(
+    order: Sequence[str], starts: Mapping[str, datetime], spans_s: Mapping[str, float]
+) -> dict[str, float]:
+    """Return when runs began, d from the first.
+
+    Nothing where one begins before the run before it has ended: they were not timed by one clock.
+    """
+    begun = {r: (starts[r] - starts[order[0]]).total_seconds() for r in order}
+    if any(begun[b] < begun[a] + spans_s[a] for a, b in pairwise(order)):
+        return {}
+    return {r: s / 86400.0 for r, s in begun.items()}
+
+
 def _judge(
-    one: RunByRun, temperatures: Sequence[float], limits: LimitsFile
+    one: RunByRun, temperatures: Sequence[float], limits: LimitsFile, days: Mapping[str, float]
 ) -> AccelerometerStability:
-    coefficients = (*model_coefficients(one), *coefficients_at(one, temperatures[1:]))
+    coefficients = (
+        *model_coefficients(one, days),
+        *coefficients_at(one, temperatures[1:], days),
+    )
     sets = curve_sets(one)
     k0_distance, k1_distance = distance(sets, "k0"), distance(sets, "k1")
     shape = shape_of(sets)
     criteria = criteria_of(coefficients, k0_distance, limits)
+    missing = unjudged(coefficients, k0_distance, limits)
+    verdict = verdict_of(criteria)
     p_values = {c.name: c.scatter.trend_p for c in coefficients}
+    trends = holm({n: p for n, p in p_values.items() if p is not None}, FALSE_ALARM)
+    shown, possible = (
+        grades_of(limits.grades, shape.spread_ci95_ug, shape.bend_ci95_ug)
+        if shape
+        else (None, None)
+    )
     return AccelerometerStability(
         runs=one,
         coefficients=coefficients,
@@ -208,12 +273,18 @@ def _judge(
         k1_distance=k1_distance if "k1" in one.joint.fit.names else None,
         shape=shape,
         allan=_allan(one),
-        trends=holm({n: p for n, p in p_values.items() if p is not None}, FALSE_ALARM),
+        trends=trends,
+        patterns=patterns_of(coefficients, trends),
+        loops=loops_of(one),
         criteria=criteria,
-        verdict=verdict_of(criteria),
-        grade=grade_of(limits.grades, shape.spread_ug, shape.bend_ug) if shape else None,
+        verdict=verdict if verdict == "fail" or not missing else "undecided",
+        grade=shown,
+        grade_best=possible,
         rank=0,
-        notes=_notes(one, temperatures),
+        notes=(
+            *(f"limit of {n}: its runs give nothing to hold against it" for n in missing),
+            *notes_of(one, temperatures),
+        ),
     )
 
 
@@ -234,41 +305,25 @@ def _allan(one: RunByRun) -> AllanDeviation:
 def _check_limits(
     judged: Sequence[AccelerometerStability], limits: LimitsFile, source: str
 ) -> None:
-    """Refuse limits that an accelerometer cannot be held against: it would pass unjudged."""
-    for one in judged:
-        known = [c.name for c in one.coefficients]
-        for name in limits.limits:
-            if name not in known:
-                problem = (
-                    f"runs of serial {one.serial} do not give it; they give {', '.join(known)}"
-                )
-                raise InputError(source, f"limits.{name}", problem)
-        if limits.curve_ug != type(limits.curve_ug)() and one.k0_distance is None:
-            problem = f"runs of serial {one.serial} share no temperature in one direction"
-            raise InputError(source, "curve_ug", problem)
+    """Refuse limits that no accelerometer can be held against."""
+    known = list(dict.fromkeys(c.name for one in judged for c in one.coefficients))
+    for name in limits.limits:
+        if name not in known:
+            serials = ", ".join(one.serial for one in judged)
+            problem = f"runs of serial {serials} do not give it; they give {', '.join(known)}"
+            raise InputError(source, f"limits.{name}", problem)
+    apart = [one.k0_distance for one in judged]
+    if limits.curve_ug != type(limits.curve_ug)() and not any(apart):
+        problem = "no accelerometer's runs share a temperature in one direction"
+        raise InputError(source, "curve_ug", problem)
 
 
 def _ranked(judged: Sequence[AccelerometerStability]) -> tuple[AccelerometerStability, ...]:
-    def spread(one: AccelerometerStability) -> float:
-        return one.shape.spread_ug if one.shape else np.inf
+    """Rank by spread, those alike by its upper limit."""
+
+    def spread(one: AccelerometerStability) -> tuple[float, float]:
+        return (one.shape.spread_ug, one.shape.spread_ci95_ug[1]) if one.shape else (np.inf, np.inf)
 
     by_spread = sorted(judged, key=spread)
     places: Mapping[str, int] = {a.serial: k for k, a in enumerate(by_spread, 1)}
     return tuple(replace(a, rank=places[a.serial]) for a in judged)
-
-
-def _notes(one: RunByRun, temperatures: Sequence[float]) -> tuple[str, ...]:
-    notes: list[str] = []
-    for r in one.runs:
-        if r.held:
-            notes.append(f"run {r.run_id} cannot give {', '.join(r.held)}: held as of all runs")
-    low, high = max(r.temp_c[0] for r in one.runs), min(r.temp_c[1] for r in one.runs)
-    notes += [
-        f"{t:g} °C lies outside the range that all runs share, {low:.3g} to {high:.3g} °C: "
-        "coefficients there are extrapolated"
-        for t in temperatures
-        if not low <= t <= high
-    ]
-    if not one.joint.channel.has_input:
-        notes.append("the input is not recorded: K0 holds it too, and K1 cannot be had")
-    return tuple(notes)

@@ -6,10 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from errormodel.arrays import FloatArray, IntArray
+from errormodel.fit import derivative
 from errormodel.variance import RandomFactor, VarianceFit, degrees_of_freedom, fit_components
 from thermo.inputs import HOLD
 from thermo.residuals import MIN_READINGS
-from thermo.stability_runs import RunByRun
+from thermo.stability_events import CommonEvent
+from thermo.stability_runs import RunByRun, reported_as
 from thermo.terms import MICRO
 
 MAX_POSITIONS = 36  # more angles than these are no positions that repeat
@@ -35,12 +37,12 @@ class Cells:
     position: IntArray
 
 
-def cells_of(batch: Sequence[RunByRun]) -> Cells:
+def cells_of(batch: Sequence[RunByRun], events: Sequence[CommonEvent] = ()) -> Cells:
     """Average each accelerometer's error within runs, directions and positions.
 
     The error is what the accelerometer's own model of all runs leaves, plus its K0 at the
     reference temperature. Where there are ramps, readings of holds are left out: a hold is neither
-    direction.
+    direction. What all accelerometers did together in a run (`events`) is no error of theirs.
     """
     rows: list[tuple[float, int, int, int, int]] = []
     for k, one in enumerate(batch):
@@ -54,7 +56,8 @@ def cells_of(batch: Sequence[RunByRun]) -> Cells:
         kinds, code = np.unique(labels, axis=1, return_inverse=True)
         code = code.ravel()
         count = np.bincount(code)
-        mean = np.bincount(code, weights=joint.residual_ug[keep]) / count
+        left_ug = joint.residual_ug - _common_ug(one, events)
+        mean = np.bincount(code, weights=left_ug[keep]) / count
         k0_ug = MICRO * joint.fit.as_dict().get("k0", 0.0)
         for j in np.flatnonzero(count >= MIN_READINGS).tolist():
             run, direction, position = (int(v) for v in kinds[:, j])
@@ -70,12 +73,31 @@ def cells_of(batch: Sequence[RunByRun]) -> Cells:
     )
 
 
-def variance_components(batch: Sequence[RunByRun]) -> VarianceFit | None:
+def _common_ug(one: RunByRun, events: Sequence[CommonEvent]) -> FloatArray:
+    """Return what the events add to the readings of an accelerometer, µg, shape (n,)."""
+    joint, channel = one.joint, one.joint.channel
+    columns = derivative(joint.fit.model, channel.record, joint.fit.as_dict())
+    added: FloatArray = np.zeros(len(channel.record))
+    for event in events:
+        if event.run_id in channel.run_ids and joint.serial in event.shifts:
+            rows = channel.record.run == channel.run_ids.index(event.run_id)
+            factor = reported_as(joint.fit.model, event.coefficient)[0]
+            column = columns[:, joint.fit.names.index(event.coefficient)]
+            # the model of all runs took up the run's share of the shift
+            shift = event.shifts[joint.serial][0] * MICRO / factor
+            centred: FloatArray = np.asarray(rows - np.mean(rows), dtype=np.float64)
+            added += shift * centred * column
+    return added
+
+
+def variance_components(
+    batch: Sequence[RunByRun], events: Sequence[CommonEvent] = ()
+) -> VarianceFit | None:
     """Estimate the components that these runs can tell apart; None when there is none.
 
     Runs, directions and positions are nested in their accelerometer.
     """
-    cells = cells_of(batch)
+    cells = cells_of(batch, events)
     kept: list[RandomFactor] = []
     for factor in _candidates(cells):
         if min(degrees_of_freedom([*kept, factor], cells.error_ug.size)) >= 1:

@@ -1,10 +1,9 @@
-"""Runs compared as curves over temperature, and an accelerometer's curve by its shape."""
+"""Runs compared as curves over temperature."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import interpolate
 
 from errormodel.arrays import FloatArray, freeze, readonly
 from thermo.stability_runs import RunByRun, RunFit
@@ -28,6 +27,10 @@ class CurveSet:
         K1 as ppm from nominal.
     k0_errors_ug, k1_errors_ppm : ndarray, shape (draws, runs, m)
         Draws of what the estimation adds.
+    k0_variance_ug2 : ndarray, shape (runs, m)
+        Variance of K0 by its estimation.
+    sigma_dof : float
+        Degrees of freedom that this is known to.
     """
 
     direction: int
@@ -37,9 +40,11 @@ class CurveSet:
     k1_ppm: FloatArray
     k0_errors_ug: FloatArray
     k1_errors_ppm: FloatArray
+    k0_variance_ug2: FloatArray
+    sigma_dof: float
 
     def __post_init__(self) -> None:
-        arrays = ("temp_c", "k0_ug", "k1_ppm", "k0_errors_ug", "k1_errors_ppm")
+        arrays = ("temp_c", "k0_ug", "k1_ppm", "k0_errors_ug", "k1_errors_ppm", "k0_variance_ug2")
         freeze(self, **{name: readonly(getattr(self, name)) for name in arrays})
 
 
@@ -80,23 +85,6 @@ def _bounds(value: float, draws: FloatArray, alpha: float) -> tuple[float, float
     return max(0.0, value - slack), value + slack
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Shape:
-    """What is told of an accelerometer's K0 over temperature, µg.
-
-    Attributes
-    ----------
-    spread_ug : float
-        Rms of the runs' and directions' curves about their mean: no model in temperature, however
-        good, takes that away.
-    bend_ug : float
-        Rms of the mean curve about a straight line.
-    """
-
-    spread_ug: float
-    bend_ug: float
-
-
 def curve_sets(one: RunByRun) -> tuple[CurveSet, ...]:
     """Evaluate the curves of each direction that two runs or more share a temperature in."""
     rng = np.random.default_rng(len(one.joint.serial))
@@ -108,8 +96,9 @@ def curve_sets(one: RunByRun) -> tuple[CurveSet, ...]:
         count = min(max(1 + int((high - low) / GRID_C), 1), MAX_GRID)
         temp_c = np.linspace(low, high, count) if count > 1 else np.array([(low + high) / 2])
         x = temp_c - one.joint.t_ref_c
-        k0, k0_errors = _evaluated(fits, "k0", x, rng)
-        k1, k1_errors = _evaluated(fits, "k1", x, rng)
+        known_to = min(f.dof("k0") for f in fits)
+        k0, k0_variance, k0_errors = _evaluated(fits, "k0", x, known_to, rng)
+        k1, _, k1_errors = _evaluated(fits, "k1", x, known_to, rng)
         found.append(
             CurveSet(
                 direction=direction,
@@ -119,23 +108,34 @@ def curve_sets(one: RunByRun) -> tuple[CurveSet, ...]:
                 k1_ppm=k1,
                 k0_errors_ug=k0_errors,
                 k1_errors_ppm=k1_errors,
+                k0_variance_ug2=k0_variance,
+                sigma_dof=known_to,
             )
         )
     return tuple(found)
 
 
 def _evaluated(
-    fits: Sequence[RunFit], family: str, x: FloatArray, rng: np.random.Generator
-) -> tuple[FloatArray, FloatArray]:
-    """Return curves (runs, m) and draws of their errors (draws, runs, m)."""
-    curves, errors = list[FloatArray](), list[FloatArray]()
+    fits: Sequence[RunFit],
+    family: str,
+    x: FloatArray,
+    known_to: float,
+    rng: np.random.Generator,
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return curves and variances (runs, m), and draws of the errors (draws, runs, m).
+
+    The sigmas are estimates: their common factor differs from draw to draw (Student's t).
+    """
+    curves, variances, errors = list[FloatArray](), list[FloatArray](), list[FloatArray]()
+    size = np.sqrt(known_to / rng.chisquare(known_to, DRAWS))
     for one in fits:
         value, gradient = one.curve(family, x)
-        root = np.linalg.cholesky(_padded(one.fit.cov))
-        draws = rng.standard_normal((DRAWS, root.shape[0])) @ (gradient @ root).T
+        root = gradient @ np.linalg.cholesky(_padded(one.fit.cov))
+        draws = rng.standard_normal((DRAWS, root.shape[1])) @ root.T
         curves.append(value)
-        errors.append(draws)
-    return np.array(curves), np.stack(errors, axis=1)
+        variances.append(np.sum(root**2, axis=1))
+        errors.append(size[:, None] * draws)
+    return np.array(curves), np.array(variances), np.stack(errors, axis=1)
 
 
 def _padded(cov: FloatArray) -> FloatArray:
@@ -183,28 +183,3 @@ def _where(
         return None
     one = sets[k]
     return one.run_ids[low], one.run_ids[high], float(one.temp_c[at]), one.direction
-
-
-def shape_of(sets: Sequence[CurveSet]) -> Shape | None:
-    """Describe the K0 curves over the temperatures that all directions share."""
-    if not sets:
-        return None
-    low, high = max(float(s.temp_c[0]) for s in sets), min(float(s.temp_c[-1]) for s in sets)
-    if low > high:
-        return None
-    grid = np.linspace(low, high, max(2, min(int((high - low) / GRID_C) + 1, MAX_GRID)))
-    curves = np.vstack([_on(grid, s) for s in sets])
-    mean: FloatArray = np.mean(curves, axis=0)
-    x: FloatArray = np.asarray(grid - grid.mean(), dtype=np.float64)
-    slope = float(x @ mean / (x @ x)) if high > low else 0.0
-    bent: FloatArray = np.asarray(mean - mean.mean() - slope * x, dtype=np.float64)
-    return Shape(
-        spread_ug=float(np.sqrt(np.mean((curves - mean) ** 2))),
-        bend_ug=float(np.sqrt(np.mean(bent**2))),
-    )
-
-
-def _on(grid: FloatArray, one: CurveSet) -> FloatArray:
-    """Return the K0 curves of a set on other temperatures, shape (runs, m)."""
-    on_grid = interpolate.make_interp_spline(one.temp_c, one.k0_ug, k=1, axis=1)
-    return np.asarray(on_grid(grid), dtype=np.float64)

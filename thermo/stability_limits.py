@@ -37,7 +37,7 @@ class CurveLimits(_Part):
 
 
 class GradeLimits(_Part):
-    """What a grade asks of K0 over temperature, µg: see `thermo.stability_curves.Shape`."""
+    """What a grade asks of K0 over temperature, µg: see `thermo.stability_shape.Shape`."""
 
     spread_ug: Positive | None = None
     bend_ug: Positive | None = None
@@ -106,13 +106,37 @@ def verdict_of(criteria: Sequence[Criterion]) -> Verdict:
     return "not judged"
 
 
-def grade_of(grades: Mapping[str, GradeLimits], spread_ug: float, bend_ug: float) -> str | None:
-    """Return the first grade whose limits are kept; None without grades or below the last."""
-    for name, limits in grades.items():
-        pairs = ((limits.spread_ug, spread_ug), (limits.bend_ug, bend_ug))
-        if all(limit is None or value <= limit for limit, value in pairs):
-            return name
-    return None
+def grades_of(
+    grades: Mapping[str, GradeLimits],
+    spread_ug: tuple[float, float],
+    bend_ug: tuple[float, float],
+) -> tuple[str | None, str | None]:
+    """Return the best grade that is shown to be kept, and the best that is not excluded.
+
+    A grade means the same whatever the number of runs: one that is given is wrong in 2.5 % of
+    cases at most for each of its limits; few runs give a worse grade, or none.
+
+    Parameters
+    ----------
+    grades : mapping of str to GradeLimits
+        From the best.
+    spread_ug, bend_ug : pair of float
+        95 % limits.
+
+    Returns
+    -------
+    str or None, str or None
+        None without grades, or where not even the last is kept.
+    """
+
+    def first(side: int) -> str | None:
+        for name, limits in grades.items():
+            pairs = ((limits.spread_ug, spread_ug[side]), (limits.bend_ug, bend_ug[side]))
+            if all(limit is None or value <= limit for limit, value in pairs):
+                return name
+        return None
+
+    return first(1), first(0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

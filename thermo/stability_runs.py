@@ -9,12 +9,12 @@ from errormodel.arrays import FloatArray, IntArray
 from errormodel.errors import InputError
 from errormodel.fit import ModelFit, derivative, examine, fit
 from errormodel.model import ErrorModel
-from errormodel.noise import NoiseFit, NoiseModel, estimate_noise
+from errormodel.noise import NoiseFit
 from errormodel.record import Record
 from errormodel.terms import Term
 from thermo.fitting import AccelerometerFit
 from thermo.inputs import HOLD, Channel
-from thermo.residuals import CELL_C
+from thermo.stability_noise import degrees_of_freedom, runs_noise
 from thermo.terms import LIBRARY, MICRO
 
 EXAMINED = 4000  # readings enough to judge what a run can give
@@ -22,6 +22,7 @@ EXAMINED = 4000  # readings enough to judge what a run can give
 MIN_READINGS = 30
 # Within a smaller span of temperature nothing heats or cools: the slopes are the thermistor's.
 STILL_C = 1.0
+KNOT_C = 5.0  # a loop's corner bends within some 8 °C
 THERMAL = frozenset({"x_c", "x_slow_c", "rate_c_per_min"})
 
 
@@ -40,6 +41,8 @@ class RunFit:
         The others.
     temp_c : pair of float
         Lowest and highest temperature of the readings.
+    sigma_dof : ndarray, shape (p,)
+        Degrees of freedom that the sigmas of `fit` are known to.
     """
 
     run_id: str
@@ -47,6 +50,11 @@ class RunFit:
     values: Mapping[str, float]
     held: tuple[str, ...]
     temp_c: tuple[float, float]
+    sigma_dof: FloatArray
+
+    def dof(self, name: str) -> float:
+        """Return the degrees of freedom that a coefficient's sigma is known to."""
+        return float(self.sigma_dof[self.fit.names.index(name)])
 
     def coefficient(self, name: str) -> tuple[float, float]:
         """Return a fitted coefficient and its sigma as reported; K1 in ppm from nominal."""
@@ -107,6 +115,10 @@ class RunByRun:
     noise : NoiseFit
         Common to the runs; what repeats in all of them, and what differs between their
         coefficients, is not in it.
+    noise_ratios : mapping of str to float
+        Run → its noise over the common one; 1 for all where chance explains the differences.
+    loops_p : float
+        How often chance alone makes heating less cooling differ so between the runs.
     residual_ug : ndarray, shape (n,)
         What the runs' own coefficients leave of the joint channel's readings.
     direction : ndarray of int, shape (n,)
@@ -116,6 +128,8 @@ class RunByRun:
     runs: tuple[RunFit, ...]
     curves: Mapping[int, tuple[RunFit, ...]]
     noise: NoiseFit
+    noise_ratios: Mapping[str, float]
+    loops_p: float
     residual_ug: FloatArray
     direction: IntArray
 
@@ -143,17 +157,27 @@ def fit_run_by_run(joint: AccelerometerFit, order: Sequence[str]) -> RunByRun:
     for r, part in parts.items():
         parts[r] = _without_held(part, joint.fit.model, free[r], values)
     lines = [_linearised(free[r], parts[r].record, values) for r in channel.run_ids]
-    repeated = _repeated(channel, np.concatenate([_left(*line) for line in lines]))
-    noise = _common_noise(channel, lines, repeated)
+    alike = _repeating(channel)
+    repeated = _repeated(alike, np.concatenate([_left(*line) for line in lines]))
+    noise = runs_noise(
+        channel.record,
+        [columns for columns, _ in lines],
+        np.concatenate([rest for _, rest in lines]),
+        alike,
+        directions(channel),
+    )
     for r in channel.run_ids:
         parts[r] = _less(parts[r], repeated[channel.runs_mask((r,))])
-    fits = {r: _refit(free[r], parts[r], values, noise) for r in order}
+    of_run = {r: noise.of_run(k) for k, r in enumerate(channel.run_ids)}
+    fits = {r: _refit(free[r], parts[r], values, of_run[r]) for r in order}
     left = [_left_ug(free[r], parts[r], fits[r].values) for r in channel.run_ids]
     return RunByRun(
         joint=joint,
         runs=tuple(fits[r] for r in order),
-        curves=_by_direction(joint, fits, order, noise),
-        noise=noise,
+        curves=_by_direction(joint, fits, order, of_run),
+        noise=noise.common,
+        noise_ratios={r: float(noise.ratios[k]) for k, r in enumerate(channel.run_ids)},
+        loops_p=noise.loops_p,
         residual_ug=np.concatenate(left),
         direction=directions(channel),
     )
@@ -231,40 +255,25 @@ def _left(columns: FloatArray, rest: FloatArray) -> FloatArray:
     return np.asarray(rest - columns @ (found / norms))
 
 
-def _repeated(channel: Channel, residual: FloatArray) -> FloatArray:
-    """Return what the runs' own coefficients leave alike in all runs.
+def _repeating(channel: Channel) -> FloatArray:
+    """Return the functions of temperature that hold what all runs leave alike, shape (n, q).
 
-    It is the mean over each direction and cell of temperature that every run has passed. A loop
+    They are piecewise linear over `KNOT_C` in each direction, where every run has passed. A loop
     that a polynomial cannot hold is no noise of the runs: it would pass for drift and hide what
     does not repeat, and with positions in another order each time it would move the coefficients.
     """
-    cell = np.floor(channel.temp_c / CELL_C).astype(np.intp)
-    code = np.unique(np.stack([cell, directions(channel)]), axis=1, return_inverse=True)[1].ravel()
-    run = channel.record.run
-    mean = np.bincount(code, weights=residual) / np.bincount(code)
-    runs_in = np.bincount(np.unique(np.stack([code, run]), axis=1)[0])
-    return np.where(runs_in[code] == len(channel.run_ids), mean[code], 0.0)
+    heading, run = directions(channel), channel.record.run
+    place = channel.temp_c / KNOT_C
+    knots = np.arange(int(np.floor(place.min())), int(np.ceil(place.max())) + 1)
+    hats = np.maximum(1.0 - np.abs(place[:, None] - knots), 0.0)
+    columns = np.hstack([hats * (heading == way)[:, None] for way in np.unique(heading)])
+    passed = [(columns[run == k] > 0.0).any(axis=0) for k in range(len(channel.run_ids))]
+    return columns[:, np.all(passed, axis=0)]
 
 
-def _common_noise(
-    channel: Channel, lines: Sequence[tuple[FloatArray, FloatArray]], repeated: FloatArray
-) -> NoiseFit:
-    """Estimate the noise that all runs share, each run with coefficients of its own.
-
-    The mean over R runs that was taken away as repeated had 1/R of the drift's variance in it,
-    which is put back.
-    """
-    widest = max(columns.shape[1] for columns, _ in lines)
-    columns = np.concatenate([np.pad(c, ((0, 0), (0, widest - c.shape[1]))) for c, _ in lines])
-    residual = np.concatenate([rest for _, rest in lines])
-    found = estimate_noise(channel.record, residual - repeated, columns, own=True)
-    factor = len(lines) / (len(lines) - 1)
-    support = tuple((w, _more_drift(n, factor)) for w, n in found.support)
-    return NoiseFit(noise=_more_drift(found.noise, factor), support=support)
-
-
-def _more_drift(noise: NoiseModel, factor: float) -> NoiseModel:
-    return replace(noise, drift=noise.drift * float(np.sqrt(factor)))
+def _repeated(columns: FloatArray, residual: FloatArray) -> FloatArray:
+    """Return the part of a residual that lies in columns, shape (n,)."""
+    return np.asarray(columns @ np.linalg.lstsq(columns, residual, rcond=1e-9)[0])
 
 
 def _refit(free: ErrorModel, part: Channel, values: Mapping[str, float], noise: NoiseFit) -> RunFit:
@@ -275,6 +284,7 @@ def _refit(free: ErrorModel, part: Channel, values: Mapping[str, float], noise: 
         values={**values, **found.as_dict()},
         held=tuple(n for n in values if n not in free.names),
         temp_c=(float(part.temp_c.min()), float(part.temp_c.max())),
+        sigma_dof=degrees_of_freedom(free, part.record, found.as_dict(), noise),
     )
 
 
@@ -283,7 +293,10 @@ def _left_ug(free: ErrorModel, part: Channel, values: Mapping[str, float]) -> Fl
 
 
 def _by_direction(
-    joint: AccelerometerFit, fits: Mapping[str, RunFit], order: Sequence[str], noise: NoiseFit
+    joint: AccelerometerFit,
+    fits: Mapping[str, RunFit],
+    order: Sequence[str],
+    noise: Mapping[str, NoiseFit],
 ) -> dict[int, tuple[RunFit, ...]]:
     """Fit K0 and K1 over temperature to each direction of each run alone."""
     channel, model = joint.channel, joint.fit.model
@@ -305,7 +318,7 @@ def _by_direction(
             free = _separable(polynomial, part.record)
             if "k0" in free.names:
                 part = _without_held(part, polynomial, free, fits[r].values)
-                mine.append(_refit(free, part, fits[r].values, noise))
+                mine.append(_refit(free, part, fits[r].values, noise[r]))
         if len(mine) >= 2:
             found[direction] = tuple(mine)
     return found

@@ -5,13 +5,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from thermo.legs import FloatArray, Leg
 from thermo.plan import Plan
 from thermo.sequence import SelfHeating, Uniformity
 
 MIN_POINTS = 3  # of a line with a sigma
+# Noise puts a slope outside the band when it is beyond it by more than this many sigmas in 0.3 %.
+NOISE_SIGMAS = 3.0
+MAD = 1.4826  # sigma of normal values over their median absolute deviation
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -31,6 +34,14 @@ class RampVerdict:
         Half the width of the band.
     readings : int
         How many were judged.
+    longest_outside_min : float
+        The longest time in which no slope was inside, or nothing was read.
+    unread_min : float
+        Time at the end of the ramp in which nothing was read.
+    noise_c : float
+        Noise of the thermistor: a slope is outside when it is beyond the band by more than 3 sigma.
+    slope_gain : float
+        Sigma of a slope for a noise of 1 °C, median, 1/min.
     passed : bool
     sins_rate, mismatch_percent : float or None
         The SINS's own rate, and by how much the measured one differs from it.
@@ -46,6 +57,10 @@ class RampVerdict:
     share_inside: float
     half_band: float
     readings: int
+    longest_outside_min: float
+    unread_min: float
+    noise_c: float
+    slope_gain: float
     passed: bool
     sins_rate: float | None
     mismatch_percent: float | None
@@ -94,6 +109,49 @@ def local_slopes(
     left = np.clip(yy[enough] - slope[enough] * ty[enough], 0.0, None)
     sigma[enough] = np.sqrt(left / (n[enough] - 2) / tt[enough])
     return slope, sigma
+
+
+def _slope_gain(time_s: FloatArray, window_s: float) -> FloatArray:
+    """Return the sigma of each local slope for a noise of 1 °C, °C/min, shape (n,)."""
+    low = np.searchsorted(time_s, time_s - window_s / 2 - 1e-9, side="left")
+    high = np.searchsorted(time_s, time_s + window_s / 2 + 1e-9, side="right")
+    t = (time_s - time_s.mean()) / 60 if time_s.size else time_s
+    total, square = (np.concatenate([[0.0], np.cumsum(v)]) for v in (t, t * t))
+    n = np.maximum(high - low, 1)
+    spread = square[high] - square[low] - (total[high] - total[low]) ** 2 / n
+    return np.asarray(1.0 / np.sqrt(np.maximum(spread, 1e-12)))
+
+
+def thermistor_noise(time_s: ArrayLike, temp_c: ArrayLike) -> float:
+    """Estimate a thermistor's noise from readings of a moving temperature, °C.
+
+    A reading less the straight line between its neighbours holds no slope; the median of its size
+    is not moved by stops and jumps.
+
+    Parameters
+    ----------
+    time_s, temp_c : array_like, shape (n,)
+        In order of time. With fewer than three readings the noise is 0.
+    """
+    t, y = np.asarray(time_s, dtype=np.float64), np.asarray(temp_c, dtype=np.float64)
+    if t.size < 3:
+        return 0.0
+    share = (t[1:-1] - t[:-2]) / (t[2:] - t[:-2])
+    apart = y[1:-1] - (1.0 - share) * y[:-2] - share * y[2:]
+    size = np.abs(apart) / np.sqrt(1.0 + share**2 + (1.0 - share) ** 2)
+    return MAD * float(np.median(size))
+
+
+def longest_outside_s(time_s: FloatArray, outside: NDArray[np.bool_]) -> float:
+    """Return the longest time without a slope inside the band, s; gaps in the readings count."""
+    inside = time_s[~outside]
+    if time_s.size < 2:
+        return 0.0
+    step = float(np.median(np.diff(time_s)))
+    edges = np.concatenate([[time_s[0] - step], inside, [time_s[-1] + step]])
+    return (
+        max(float(np.max(np.diff(edges))) - step, 0.0) if edges.size > 2 else float(np.ptp(time_s))
+    )
 
 
 def self_heating_rate(
@@ -156,18 +214,30 @@ def judge_ramp(
     time, temp = time[settled], temp[settled]
     slope, sigma = local_slopes(time, temp, 60 * rule.window_min)
     known = np.isfinite(slope)
-    slope, sigma = slope[known], sigma[known]
+    time, temp, slope, sigma = time[known], temp[known], slope[known], sigma[known]
     commanded = leg.rate_c_per_min
     half_band = rule.band_c_per_min or rule.band_fraction * abs(commanded)
     judged = int(slope.size)
-    inside = float(np.mean(np.abs(slope - commanded) <= half_band)) if judged else 0.0
+    noise_c = thermistor_noise(time, temp)
+    gain = _slope_gain(time, 60 * rule.window_min)
+    reach = half_band + NOISE_SIGMAS * noise_c * gain
+    outside = np.abs(slope - commanded) > reach
+    share = float(np.mean(~outside)) if judged else 0.0
+    longest_min = longest_outside_s(time, outside) / 60
+    unread_s = float(start_s + leg.end_s - leg.start_s - time[-1]) if judged else 0.0
+    unread_min = max(unread_s, 0.0) / 60
     measured = float(np.median(slope)) if judged else float("nan")
     low_c, high_c = sorted((leg.start_c, leg.end_c))
     sins = self_heating_rate(
         rule.sins_self_heating_rate_c_per_min, rule.sins_self_heating, low_c, high_c
     )
     mismatch = None if not sins or not judged else 100 * (abs(measured) - sins) / sins
-    passed = judged > 0 and inside >= rule.min_share_inside
+    # a stop hides in a long ramp's share: nowhere may the rate be outside for longer than a window
+    passed = bool(
+        judged > 0
+        and share >= rule.min_share_inside
+        and max(longest_min, unread_min) <= rule.window_min
+    )
     verdict = RampVerdict(
         serial=serial,
         run=run,
@@ -175,9 +245,13 @@ def judge_ramp(
         commanded=commanded,
         measured=measured,
         measured_sigma=float(np.median(sigma)) if judged else float("nan"),
-        share_inside=inside,
+        share_inside=share,
         half_band=half_band,
         readings=judged,
+        longest_outside_min=longest_min,
+        unread_min=unread_min,
+        noise_c=noise_c,
+        slope_gain=float(np.median(gain)) if judged else 0.0,
         passed=passed,
         sins_rate=sins,
         mismatch_percent=mismatch,
@@ -201,6 +275,18 @@ def _with_sentence(verdict: RampVerdict, rule: Uniformity) -> RampVerdict:
             f"{verdict.readings} readings within ±{verdict.half_band:.3f} "
             f"({100 * rule.min_share_inside:g} % are asked for)"
         )
+        if max(verdict.longest_outside_min, verdict.unread_min) > rule.window_min:
+            what = (
+                "outside" if verdict.longest_outside_min > rule.window_min else "unread at its end"
+            )
+            longest = max(verdict.longest_outside_min, verdict.unread_min)
+            sentence += f"; {what} for {longest:.1f} min in a row ({rule.window_min:g} are allowed)"
+        blur = NOISE_SIGMAS * verdict.noise_c * verdict.slope_gain
+        if blur > verdict.half_band:
+            sentence += (
+                f"; the thermistor's noise of {verdict.noise_c:.2g} °C hides what differs by less "
+                f"than {verdict.half_band + blur:.2g} °C/min"
+            )
         if verdict.mismatch_percent is not None:
             sentence += (
                 f"; the SINS warms itself at {verdict.sins_rate:.3f} °C/min, mismatch "

@@ -11,7 +11,8 @@ from thermo.stability import Stability, judge_stability
 from thermo.stability_limits import LimitsFile, read_limits
 from thermo.store_files import open_existing_store, stored_runs
 from workbench.outputs import Results, check_results, force_option, json_option
-from workbench.stability_output import stability_document, stability_text
+from workbench.stability_document import stability_document
+from workbench.stability_output import stability_text
 
 
 @click.command()

@@ -11,7 +11,6 @@ from errormodel.variance import VarianceFit
 from thermo.residuals import DIRECTIONS
 from thermo.stability import AccelerometerStability, Stability
 from thermo.stability_coefficients import CURVE, CoefficientStability
-from workbench.console import number
 from workbench.plotting import (
     COLOURS,
     DIRECTION_STYLE,
@@ -25,6 +24,7 @@ from workbench.plotting import (
     picture,
     plain,
 )
+from workbench.stability_output import grade_text, sigma_limits, sigma_text
 
 MAX_ROWS = 40  # accelerometers in the overview
 MAX_ACCELEROMETERS = 12  # with a picture of their own
@@ -57,7 +57,7 @@ Measure = Callable[[AccelerometerStability], tuple[float, tuple[float, float]] |
 def _sigma(name: str) -> Measure:
     def measure(one: AccelerometerStability) -> tuple[float, tuple[float, float]] | None:
         found = one.coefficient(name)
-        return (found.scatter.sigma_run, found.scatter.ci95) if found else None
+        return (found.scatter.sigma_run, sigma_limits(one, found)) if found else None
 
     return measure
 
@@ -92,9 +92,9 @@ def draw_overview(result: Stability) -> Picture:
     left = len(result.accelerometers) - len(ranked)
     caption = (
         "The batch, the steadiest on top, its verdict and grade at the right: points are "
-        "estimates, bars 95 % limits (an arrow where they go beyond the panel), the dashed line "
-        "is the limit where one is given. A verdict allows for all limits together: its bounds are "
-        "a little wider than the bars."
+        "estimates (an open mark at 0: none is shown), bars their limits, those of the verdict "
+        "where a limit is given (an arrow where they go beyond the panel); the dashed line is the "
+        "acceptance limit."
     )
     caption += f" {left} further accelerometers are not shown." if left else ""
     return picture(figure, "overview.png", caption)
@@ -135,7 +135,11 @@ def _draw_measure(
         if hi > end:
             axes.plot(end, row, ">", color=colour, markersize=5, clip_on=False, alpha=0.6)
         mark = VERDICT_MARK[one.verdict]
-        axes.plot(value, row, mark, color=colour, markersize=7, clip_on=False, zorder=3)
+        face = "white" if value == 0.0 else colour
+        axes.plot(
+            value, row, mark, color=colour, markersize=7, clip_on=False, zorder=3,
+            markerfacecolor=face,
+        )  # fmt: skip
     if limit is not None:
         line = axes.axvline(limit, color=LIMIT_COLOUR, linestyle="--", linewidth=1.3)
         handles.setdefault("acceptance limit", line)
@@ -147,7 +151,7 @@ def _draw_measure(
 def _write_verdicts(axes: Any, ranked: Sequence[AccelerometerStability]) -> None:
     """Write verdict and grade to the right of the last panel."""
     right = axes.secondary_yaxis("right")
-    texts = [f"{a.verdict}{f', {a.grade}' if a.grade else ''}" for a in ranked]
+    texts = [f"{a.verdict}, {grade_text(a)}" if a.grade_best else a.verdict for a in ranked]
     right.set_yticks(range(len(ranked)), [plain(t) for t in texts])
     right.tick_params(length=0, labelsize=9)
     right.spines["right"].set_visible(False)
@@ -225,7 +229,7 @@ def _draw_chart(axes: Any, c: CoefficientStability) -> None:
     axes.margins(y=0.15)
     _run_ticks(axes, c.run_ids)
     name = "K0" if c.name == "k0" else "K1 less nominal"
-    sigma = number(c.scatter.sigma_run, 3)
+    sigma = sigma_text(c.scatter.sigma_run, c.scatter.ci95)
     dress(axes, title=f"{name}: 1 σ {sigma} {c.unit}", x="run", y=f"{name}, {c.unit}")
 
 

@@ -37,6 +37,10 @@ def _accelerometer(v: RunInVerdict) -> dict[str, Any]:
         "law": v.law,
         "other_law_needs": None if v.other_law_needs is None else list(v.other_law_needs),
         "log_evidence_hyperbolic_over_exponential": v.log_evidence_ratio,
+        "jumps": [
+            {"coefficient": j.coefficient, "cycle": j.cycle, "size": j.size, "unit": j.unit}
+            for j in v.jumps
+        ],
         "sentence": v.sentence,
         "coefficients": {c.series.name: _coefficient(c) for c in v.coefficients},
     }
@@ -115,11 +119,12 @@ def _ratio(c: Relaxation) -> str:
 def law_sentence(v: RunInVerdict) -> str:
     """Tell which law of relaxation is used, and what the other one would ask for."""
     law, other = sorted(LAW_TEXT, key=lambda name: name != v.law)
-    used = f"judged by the {LAW_TEXT[law]} law"
+    used = f"the {LAW_TEXT[law]} law is the likelier"
+    slower = "a second relaxation, creep and a random walk beside it are weighed in"
     if v.other_law_needs is None:
-        return f"{used}; the {LAW_TEXT[other]} one is excluded at odds of 20"
+        return f"{used}, the {LAW_TEXT[other]} one is excluded at odds of 20; {slower}"
     more = needed_text(v.other_law_needs)
-    return f"{used}; under the {LAW_TEXT[other]} one, which is not excluded: {more}"
+    return f"{used}; under the {LAW_TEXT[other]} one, which is not excluded: {more}; {slower}"
 
 
 def run_in_text(verdicts: Sequence[RunInVerdict]) -> Iterator[RenderableType]:

@@ -1,180 +1,35 @@
-"""Run-to-run stability told: as the JSON of `accelbench stability`, and in words."""
+"""Run-to-run stability told in words and tables."""
 
 from collections.abc import Iterator, Sequence
-from typing import Any
 
 from rich.console import RenderableType
 
 from errormodel.variance import Component, VarianceFit
 from thermo.residuals import DIRECTIONS
-from thermo.stability import DEFINITION, AccelerometerStability, Stability
+from thermo.stability import AccelerometerStability, Stability
 from thermo.stability_coefficients import CoefficientStability
 from thermo.stability_components import FACTORS
 from thermo.stability_curves import Distance
-from thermo.stability_limits import Criterion, Interval
+from thermo.stability_limits import Criterion
 from workbench.console import number, table
 from workbench.fit_output import value_and_sigma
+from workbench.stability_document import definition
 
 TOLD = ("k0", "k1")
-
-
-def stability_document(result: Stability) -> dict[str, Any]:
-    """Return what `stability --json` writes."""
-    return {
-        "definition": definition(result),
-        "at_c": list(result.at_c),
-        "runs": list(result.order),
-        "runs_ordered_by": "run_start_utc" if result.by_time else "their place in the files",
-        "between": [
-            {
-                "after": i.after,
-                "before": i.before,
-                "power_off": i.power_off,
-                "rest_h": i.rest_h,
-                "remount": i.remount,
-                "note": i.note,
-            }
-            for i in result.intervals
-        ],
-        "accelerometers": [_accelerometer(a) for a in result.accelerometers],
-        "variance_components": _components(result.components),
-    }
-
-
-def definition(result: Stability) -> str:
-    """Say what repeatability means in this report: definition, runs, statistic, temperature."""
-    temperatures = " and ".join(f"{t:g} °C" for t in result.at_c)
-    return (
-        f"{DEFINITION} Here: {len(result.order)} runs; 1 σ between runs with the estimation's own "
-        f"variance taken out, and max − min of the runs; reference temperature {temperatures}. "
-        + " ".join(f"{text}." for text in between_sentences(result.intervals))
-    )
-
-
-def between_sentences(intervals: Sequence[Interval]) -> list[str]:
-    """Say what happened between the runs; what was the same is said once."""
-    same: dict[str, list[str]] = {}
-    for i in intervals:
-        same.setdefault(i.facts, []).append(f"{i.after} and {i.before}")
-    if len(same) == 1 and len(intervals) > 1:
-        return [f"Between all runs: {next(iter(same))}"]
-    return [f"Between {', '.join(pairs)}: {facts}" for facts, pairs in same.items()]
-
-
-def _accelerometer(one: AccelerometerStability) -> dict[str, Any]:
-    noise = one.runs.noise.noise
-    return {
-        "serial": one.serial,
-        "n_runs": len(one.runs.runs),
-        "coefficients": {c.name: _coefficient(c) for c in one.coefficients},
-        "curve_distance_ug": _distance(one.k0_distance),
-        "curve_distance_k1_ppm": _distance(one.k1_distance),
-        "curves": [
-            {
-                "direction": DIRECTIONS[s.direction],
-                "runs": list(s.run_ids),
-                "temp_c": s.temp_c.tolist(),
-                "k0_ug": s.k0_ug.tolist(),
-                "k1_ppm": s.k1_ppm.tolist() if one.k1_distance else None,
-            }
-            for s in one.curves
-        ],
-        "spread_ug": one.shape.spread_ug if one.shape else None,
-        "bend_ug": one.shape.bend_ug if one.shape else None,
-        "rank": one.rank,
-        "grade": one.grade,
-        "verdict": one.verdict,
-        "criteria": [
-            {
-                "name": c.name,
-                "value": c.value,
-                "bounds": list(c.bounds),
-                "limit": c.limit,
-                "unit": c.unit,
-                "verdict": c.verdict,
-            }
-            for c in one.criteria
-        ],
-        "trends": list(one.trends),
-        "allan": {"tau_s": one.allan.tau_s.tolist(), "ug": one.allan.deviation.tolist()},
-        "noise": {
-            "white_ug": 1e6 * noise.white,
-            "drift_ug": 1e6 * noise.drift,
-            "drift_tau_s": noise.drift_tau_s,
-        },
-        "notes": list(one.notes),
-    }
-
-
-def _coefficient(one: CoefficientStability) -> dict[str, Any]:
-    scatter, chart = one.scatter, one.chart
-    return {
-        "mean": scatter.mean,
-        "mean_sigma": scatter.mean_sigma,
-        "sigma_run": scatter.sigma_run,
-        "ci95": list(scatter.ci95),
-        "max_minus_min": scatter.max_minus_min,
-        "max_minus_min_ci95": list(scatter.max_minus_min_ci95),
-        "unit": one.unit,
-        "trend_p": scatter.trend_p,
-        "trend_per_run": scatter.trend_per_run,
-        "sigma_observed": scatter.sigma_runs_observed,
-        "sigma_estimation": scatter.sigma_estimation,
-        "by_run": [
-            {"run": r, "value": v, "sigma": s}
-            for r, v, s in zip(one.run_ids, one.values.tolist(), one.sigmas.tolist(), strict=True)
-        ],
-        "chart": {
-            "centre": chart.centre,
-            "limits": list(chart.limits) if chart.limits else None,
-            "moving_ranges": chart.ranges.tolist(),
-            "range_limit": chart.range_limit,
-            "outside": [one.run_ids[k] for k in chart.outside] if chart.limits else None,
-            "false_alarm": chart.false_alarm,
-        },
-    }
-
-
-def _distance(one: Distance | None) -> dict[str, Any] | None:
-    if one is None:
-        return None
-    return {
-        "rms": one.rms,
-        "max": one.largest,
-        "rms_ci95": list(one.rms_bounds(0.05)),
-        "max_ci95": list(one.largest_bounds(0.05)),
-        "max_at": None if one.largest_at is None else _place(one.largest_at),
-    }
-
-
-def _place(at: tuple[str, str, float, int]) -> dict[str, Any]:
-    return {"runs": [at[0], at[1]], "temp_c": at[2], "direction": DIRECTIONS[at[3]]}
-
-
-def _components(found: VarianceFit | None) -> dict[str, Any]:
-    by_name = {c.name: c for c in found.components} if found else {}
-    return {
-        name: {
-            "sigma_ug": by_name[name].sigma,
-            "ci95": list(by_name[name].ci95),
-            "levels": by_name[name].levels,
-            "dof": by_name[name].dof,
-        }
-        if name in by_name
-        else None
-        for name in FACTORS
-    }
+FEW_RUNS = 4  # a trend of 3 σ is found in a third of cases or fewer
+SUSPECT = 0.05
 
 
 def stability_text(result: Stability) -> Iterator[RenderableType]:
     """Tell it in words and tables."""
     yield from headline(result)
     yield ""
-    names = ("K0 1σ µg", "95 % limits", "K0 max−min µg", "K1 1σ ppm", "curves rms µg", "max µg")
+    names = ("K0 1σ µg", "limits", "K0 max−min µg", "K1 1σ ppm", "curves rms µg", "max µg")
     made = table("rank", "serial", "verdict", "grade", "runs", *names, right=("rank", *names))
     for one in sorted(result.accelerometers, key=lambda a: a.rank):
         made.add_row(*summary_row(one))
     yield made
+    yield LIMITS_TEXT
     for one in result.accelerometers:
         yield ""
         yield from _one_text(one)
@@ -188,14 +43,39 @@ def headline(result: Stability) -> Iterator[str]:
     """Say how many pass, and what is wrong with those that do not."""
     verdicts = [a.verdict for a in result.accelerometers]
     counts = [f"{verdicts.count(v)} {v}" for v in ("pass", "fail", "undecided") if v in verdicts]
-    if not counts:
-        yield f"{len(verdicts)} accelerometer(s), {len(result.order)} runs; no limits given"
-        return
-    yield f"{len(verdicts)} accelerometer(s), {len(result.order)} runs: {', '.join(counts)}"
+    said = f": {', '.join(counts)}" if counts else "; no limits given"
+    yield f"{len(verdicts)} accelerometer(s), {len(result.order)} runs{said}"
+    for event in result.events:
+        yield f"  {event.sentence}"
+    for out in result.left_out:
+        yield f"  {out.sentence}"
     for one in result.accelerometers:
         for c in one.criteria:
             if c.verdict != "pass":
                 yield f"  {one.serial}: {criterion_text(c)}"
+        for line in movements(one):
+            yield f"  {one.serial}: {line}"
+
+
+def movements(one: AccelerometerStability) -> Iterator[str]:
+    """Say what an accelerometer does over the runs beyond chance."""
+    for c in one.coefficients:
+        if c.name in one.trends:
+            yield f"{trend_text(c)} (p = {number(c.scatter.trend_p, 1)})"
+    for p in one.patterns:
+        yield p.sentence
+    if one.loops is not None and one.loops_differ:
+        yield one.loops.sentence
+
+
+def trend_text(c: CoefficientStability) -> str:
+    """Say how a coefficient moves with time, or from run to run."""
+    per = (
+        f"{number(c.trend_per_run, 3)} {c.unit} a run"
+        if c.trend_per_day is None
+        else f"{number(c.trend_per_day, 3)} {c.unit} a day"
+    )
+    return f"{c.name} drifts by {per}, {number(c.trend_in_all, 3)} {c.unit} from first to last run"
 
 
 def criterion_text(c: Criterion) -> str:
@@ -216,15 +96,38 @@ def summary_row(one: AccelerometerStability) -> list[str]:
         str(one.rank),
         one.serial,
         one.verdict,
-        one.grade or "–",
+        grade_text(one),
         str(len(one.runs.runs)),
-        number(k0.scatter.sigma_run, 3) if k0 else "–",
-        limits_text(k0.scatter.ci95) if k0 else "–",
+        sigma_text(k0.scatter.sigma_run, sigma_limits(one, k0)) if k0 else "–",
+        limits_text(sigma_limits(one, k0)) if k0 else "–",
         number(k0.scatter.max_minus_min, 3) if k0 else "–",
-        number(k1.scatter.sigma_run, 3) if k1 else "–",
+        sigma_text(k1.scatter.sigma_run, sigma_limits(one, k1)) if k1 else "–",
         number(apart.rms if apart else None, 3),
         number(apart.largest if apart else None, 3),
     ]
+
+
+def grade_text(one: AccelerometerStability) -> str:
+    """Write the grade that is shown to be kept, and the better one that the runs do not exclude."""
+    if one.grade == one.grade_best:
+        return one.grade or "–"
+    return f"{one.grade or 'none'} ({one.grade_best}?)"
+
+
+def sigma_limits(one: AccelerometerStability, c: CoefficientStability) -> tuple[float, float]:
+    """Return the limits of a sigma between runs: those of the verdict where there is one."""
+    return _shown(one, f"{c.name} sigma_run", c.scatter.ci95)
+
+
+def _shown(
+    one: AccelerometerStability, criterion: str, usual: tuple[float, float]
+) -> tuple[float, float]:
+    return next((c.bounds for c in one.criteria if c.name == criterion), usual)
+
+
+def sigma_text(sigma: float, limits: tuple[float, float]) -> str:
+    """Write a sigma; one that the runs do not show is written as its upper limit."""
+    return f"< {number(limits[1], 3)}" if sigma == 0.0 else number(sigma, 3)
 
 
 def limits_text(pair: Sequence[float]) -> str:
@@ -233,22 +136,29 @@ def limits_text(pair: Sequence[float]) -> str:
 
 
 COLUMNS = (
-    "coefficient", "unit", "mean", "1σ between runs", "95 % limits", "max−min", "95 % limits",
+    "coefficient", "unit", "mean", "1σ between runs", "limits", "max−min", "limits",
     "estimation 1σ", "trend p",
 )  # fmt: skip
 
 
-def coefficient_row(c: CoefficientStability) -> list[str]:
-    """Return the cells of a coefficient; headed by `COLUMNS`."""
+LIMITS_TEXT = (
+    "limits: 95 %, or where an acceptance limit is set those of the verdict (all limits of an "
+    "accelerometer together wrong in 5 % of cases)"
+)
+
+
+def coefficient_row(one: AccelerometerStability, c: CoefficientStability) -> list[str]:
+    """Return the cells of a coefficient of an accelerometer; headed by `COLUMNS`."""
     s = c.scatter
+    limits = sigma_limits(one, c)
     return [
         c.name,
-        c.unit,
+        f"{c.unit} from nominal" if c.name.partition("_at_")[0] == "k1" else c.unit,
         value_and_sigma(s.mean, s.mean_sigma),
-        number(s.sigma_run, 3),
-        limits_text(s.ci95),
+        sigma_text(s.sigma_run, limits),
+        limits_text(limits),
         number(s.max_minus_min, 3),
-        limits_text(s.max_minus_min_ci95),
+        limits_text(_shown(one, f"{c.name} max_minus_min", s.max_minus_min_ci95)),
         number(s.sigma_estimation, 3),
         number(s.trend_p, 2),
     ]
@@ -258,7 +168,7 @@ def _one_text(one: AccelerometerStability) -> Iterator[RenderableType]:
     yield f"{one.serial}: {len(one.runs.runs)} runs, {one.verdict}"
     made = table(*COLUMNS, right=COLUMNS[2:])
     for c in one.coefficients:
-        made.add_row(*coefficient_row(c))
+        made.add_row(*coefficient_row(one, c))
     yield made
     for line in sentences(one):
         yield f"  {line}"
@@ -274,16 +184,32 @@ def sentences(one: AccelerometerStability) -> Iterator[str]:
         yield _distance_text("K1", one.k1_distance, "ppm")
     if one.shape:
         yield (
-            f"K0 over temperature: runs and directions spread {number(one.shape.spread_ug, 3)} µg "
-            f"rms about their mean, which bends {number(one.shape.bend_ug, 3)} µg rms from a line"
+            "K0 over temperature: runs and directions spread "
+            f"{sigma_text(one.shape.spread_ug, one.shape.spread_ci95_ug)} µg rms about their mean "
+            f"({limits_text(one.shape.spread_ci95_ug)}), which bends "
+            f"{number(one.shape.bend_ug, 3)} µg rms from a line"
         )
-    yield (
-        f"moves with the runs: {', '.join(one.trends)} (5 % chance of a false name)"
-        if one.trends
-        else "no coefficient moves with the runs beyond chance"
-    )
+    yield from movements(one)
+    yield from _no_movement(one)
     yield _chart_text(one)
     yield from one.notes
+
+
+def _no_movement(one: AccelerometerStability) -> Iterator[str]:
+    """Say what cannot be said of a trend: so few runs hardly show one."""
+    runs = len(one.runs.runs)
+    if one.trends:
+        return
+    if runs > FEW_RUNS:
+        yield "no coefficient is shown to move with the runs"
+        return
+    looks = [
+        f"{trend_text(c)} (p = {number(c.scatter.trend_p, 1)})"
+        for c in one.coefficients
+        if c.scatter.trend_p is not None and c.scatter.trend_p < SUSPECT
+    ]
+    said = f", but {'; '.join(looks)}" if looks else ""
+    yield f"{runs} runs cannot tell a trend from scatter{said}"
 
 
 def _distance_text(name: str, one: Distance, unit: str) -> str:

@@ -17,11 +17,12 @@ from workbench.page import (
     source_rows,
 )
 from workbench.plotting import Picture
+from workbench.stability_document import definition
 from workbench.stability_output import (
     COLUMNS,
+    LIMITS_TEXT,
     coefficient_row,
     component_lines,
-    definition,
     headline,
     limits_text,
     sentences,
@@ -31,14 +32,20 @@ from workbench.stability_output import (
 CONVENTIONS = (
     "1 σ between runs is the standard deviation of the coefficient itself; what the estimation of "
     "each run adds (its own sigma, white noise and drift) is taken out.",
-    "95 % limits of a sigma are exact for normal values and few runs (χ² law of the weighted sum "
-    "of squares); those of max − min and of curve distances hold in 95 % of cases or more.",
+    "Limits of a sigma hold for few runs (law of the weighted sum of squares, the sigmas of the "
+    "estimation being estimates too); those of max − min and of curve distances hold in 95 % of "
+    "cases or more. A sigma that the runs do not show is written as its upper limit (<). "
+    f"{LIMITS_TEXT[0].upper()}{LIMITS_TEXT[1:]}.",
     "An accelerometer fails when a limit is exceeded beyond chance: one within all its limits is "
     "failed in 5 % of cases at most. Pass means shown to be within; undecided, that these runs "
     "cannot tell.",
-    "The trend's p-value says how often runs without a trend show as steep a one.",
-    "Spread is the rms of the K0 curves of all runs and directions about their mean; bend, the "
-    "rms of that mean about a straight line. The rank is by spread.",
+    "The trend's p-value says how often runs without a trend show as steep a one, in time where "
+    "the starts are recorded, else from run to run.",
+    "Spread is the rms of the K0 curves of runs and directions about their mean, as likely too "
+    "high as too low for any number of runs; bend, the rms of that mean about a straight line. "
+    "The rank is by spread. A grade is given when the upper limits keep it; a better one in "
+    "brackets is one that the runs do not exclude.",
+    "What all accelerometers did together in a run is the station's and not counted as their own.",
 )
 
 
@@ -59,7 +66,7 @@ def render_stability(result: Stability, runs: RecordedRuns) -> dict[str, bytes]:
 
 def _opening(result: Stability) -> Iterator[Section]:
     ranked = sorted(result.accelerometers, key=lambda a: a.rank)
-    names = ("rank", "serial", "verdict", "grade", "runs", "K0 1σ, µg", "95 % limits")
+    names = ("rank", "serial", "verdict", "grade", "runs", "K0 1σ, µg", "limits")
     names += ("K0 max−min, µg", "K1 1σ, ppm", "curves rms, µg", "curves max, µg")
     yield Section(
         title="Result",
@@ -111,7 +118,7 @@ def _of_one(one: AccelerometerStability, pictures: list[Picture]) -> Section:
         table=ReportTable(
             title="",
             columns=COLUMNS,
-            rows=tuple(tuple(coefficient_row(c)) for c in one.coefficients),
+            rows=tuple(tuple(coefficient_row(one, c)) for c in one.coefficients),
         ),
         words=(0, 1),
         pictures=tuple(pictures),

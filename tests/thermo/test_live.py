@@ -87,3 +87,18 @@ def test_a_second_run_goes_on_with_a_fresh_drift() -> None:
     (second,) = live.values()
     assert second.n == 800
     assert second.k0_sigma_ug < first.k0_sigma_ug
+
+
+def test_k0_lies_within_its_sigma_when_the_accelerometer_has_more_terms_and_a_loop() -> None:
+    """Every term of the simulation, and a loop of 30 µg that no live unknown holds."""
+    z = []
+    for seed in range(10):
+        frame = simulate_run(np.random.default_rng(seed), n=400, truth=TRUTH, loop_ug=15.0)
+        live = LiveEstimate({"A": NOMINAL})
+        live.on_reading(1, rows_of_run(frame))
+        (value,) = live.values()
+        x = value.temp_c - 25.0
+        k0 = sum(TRUTH[f"k0_t{k}"] * x**k for k in (1, 2, 3)) + TRUTH["k0"]
+        z.append((value.k0_ug - k0) / value.k0_sigma_ug)
+    # one loop each, of which the sigma knows the size: 3 sigma of it are allowed
+    assert np.max(np.abs(z)) < 3.0

@@ -132,3 +132,62 @@ def test_every_ramp_of_a_test_is_judged():
     ]
     # behind a lag of 5 min a change of rate (2 °C/min at the turn) needs 5·ln(2/0.1) = 15 min
     assert all(v.passed for v in verdicts)
+
+
+LONG = Leg(index=1, start_s=0, end_s=13200, start_c=-40, end_c=70, step_c=0, positions=None)
+
+
+def judge_long(temp_c, period_s=10.0):
+    time_s = np.arange(0, 13200, period_s)
+    return judge_ramp(time_s, temp_c(time_s / 60), LONG, RULE, serial="A", run=1)
+
+
+def paused(minutes, at_min, for_min):
+    """Half a degree a minute, with a stop."""
+    return -40 + 0.5 * (minutes - np.clip(minutes - at_min, 0, for_min))
+
+
+@pytest.mark.parametrize("for_min", [5.0, 12.0])
+def test_a_stop_is_not_uniform_however_long_the_ramp(for_min):
+    verdict = judge_long(lambda m: paused(m, 100.0, for_min))
+    assert not verdict.passed
+    assert verdict.share_inside > 0.9  # the share alone would have passed it
+    # a window sees the stop from where it holds a tenth of it
+    assert verdict.longest_outside_min == pytest.approx(for_min + 4.0, abs=1.5)
+    assert "outside for" in verdict.sentence
+
+
+def test_a_ramp_that_ends_short_is_not_uniform():
+    assert not judge_long(lambda m: np.minimum(-40 + 0.5 * m, 65.0)).passed
+    time_s = np.arange(0, 12600, 10.0)
+    cut = judge_ramp(time_s, -40 + 0.5 * time_s / 60, LONG, RULE, serial="A", run=1)
+    assert not cut.passed
+    assert cut.unread_min == pytest.approx(10.0, abs=0.2)
+    assert "unread at its end" in cut.sentence
+
+
+def test_readings_that_are_missing_for_long_are_not_taken_for_uniform():
+    time_s = np.arange(0, 13200, 10.0)
+    time_s = time_s[(time_s < 6000) | (time_s > 6900)]
+    verdict = judge_ramp(time_s, -40 + 0.5 * time_s / 60, LONG, RULE, serial="A", run=1)
+    assert not verdict.passed
+
+
+@pytest.mark.parametrize("noise_c", [0.1, 0.2, 0.3])
+def test_a_noisy_thermistor_does_not_make_a_perfect_ramp_uneven(noise_c):
+    failed = 0
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        ramp = judge_long(
+            lambda m, rng=rng: -40 + 0.5 * m + noise_c * rng.standard_normal(m.size), 60
+        )
+        failed += not ramp.passed
+        assert ramp.noise_c == pytest.approx(noise_c, rel=0.35)  # 200 readings, a median
+        assert "hides what differs" in ramp.sentence
+    assert failed <= 1
+
+
+def test_a_noisy_thermistor_does_not_hide_a_stop():
+    rng = np.random.default_rng(1)
+    ramp = judge_long(lambda m: paused(m, 100.0, 15.0) + 0.1 * rng.standard_normal(m.size), 60)
+    assert not ramp.passed

@@ -118,6 +118,23 @@ def test_refusals(refused, six_runs, tmp_path):
     assert "[[between]] only" in refused("stability", six_runs, "--between", bad)
 
 
+def test_a_single_run_is_left_out_and_a_sigma_that_is_not_shown_is_an_upper_limit(call, tmp_path):
+    runs = [table(f"r{k}", "A", n=120, seed=k) for k in range(3)]
+    file = write_run(tmp_path / "some.csv", *runs, table("r0", "B", n=120, seed=9))
+    done = call("stability", file)
+    assert done.code == 0, done.err
+    assert "B: left out, 1 run" in done.out
+    assert "< " in done.out
+    assert "ppm from nominal" in done.out
+    document = call("stability", file, "--json").document
+    (left_out,) = document["left_out"]
+    assert (left_out["serial"], left_out["run"]) == ("B", None)
+    (one,) = document["accelerometers"]
+    low, high = one["spread_ci95_ug"]
+    assert low <= one["spread_ug"] <= high
+    assert document["common_events"] == []
+
+
 def test_a_test_of_a_store_is_compared(call, tmp_path):
     sequence = Path(__file__).with_name("mini.toml")
     store = tmp_path / "s.sqlite"
