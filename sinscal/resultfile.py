@@ -107,6 +107,7 @@ class ResultContent(_Part):
     consistency: dict[str, Any]
     observability: dict[str, Any]
     refused: dict[str, Any]
+    protection: dict[str, Any] | None = None
     warnings: tuple[str, ...]
 
     @model_validator(mode="after")
@@ -171,6 +172,8 @@ def signed(result: R) -> R:
 def result_digest(result: ResultContent) -> str:
     """Return the digest of a result's content."""
     content = result.model_dump(mode="json", exclude={"result_id"})
+    if content["protection"] is None:  # the digest of a file that was made without
+        del content["protection"]
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:16]
 
 

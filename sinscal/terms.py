@@ -164,6 +164,18 @@ def _lever_arm(c: ChannelId) -> Term:
     return _term(f"lever_arm_{c.letter}", sentence, parts)
 
 
+def _delay(c: ChannelId) -> Term:
+    name = f"accel_delay_{c.letter}"
+
+    def late(record: Record) -> FloatArray:
+        # gravity stands still: in the body it changes by f × ω
+        j, k = AXES[(c.axis + 1) % 3], AXES[(c.axis + 2) % 3]
+        return record[f"f_{k}"] * record[f"w_{j}"] - record[f"f_{j}"] * record[f"w_{k}"]
+
+    sentence = "The accelerometer's readings are later than the gyros'."
+    return _term(name, sentence, [(name, f"τ{c.letter}", "s", late)])
+
+
 def _warm(term: Term) -> Term:
     return replace(term, needs=frozenset(["x_c"]))
 
@@ -235,6 +247,7 @@ GROUPS: dict[str, tuple[tuple[Kind, ...], Maker]] = {
     "accel_misalignment": (("accel",), _misalignment),
     "accel_second_order": (("accel",), _second_order),
     "lever_arm": (("accel",), _lever_arm),
+    "accel_delay": (("accel",), _delay),
     "accel_temperature_bias": (("accel",), _temperature_bias),
     "accel_temperature_scale": (("accel",), _temperature_scale),
     TIME_OFFSET: (("angle",), _time_offset),

@@ -11,11 +11,12 @@ from sinscal.discrepancy import RigDiscrepancy
 from sinscal.discrepancy_holdout import CycleGap
 from sinscal.discrepancy_noise import MeasuredNoise
 from sinscal.earth import ARCSEC, DEG_PER_H
+from sinscal.priors import told_group
 from sinscal.rig_model_file import BiasStep, FoundValue, RigModelFile
 from workbench.console import number, table
 from workbench.discrepancy_output import VERDICT_WORDS, conclusion_document, rival_lines
 from workbench.fit_output import value_and_sigma
-from workbench.rig_calibrate_output import TOLD_IN, told_group
+from workbench.rig_calibrate_output import TOLD_IN
 
 
 def where_words(d: RigDiscrepancy) -> str:
