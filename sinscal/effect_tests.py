@@ -28,9 +28,14 @@ class EffectTest:
     ----------
     name : str
     chi2, dof
-        Of the shape that explains most beyond chance.
+        Of the most probable shape.
     p_value : float
         Over all shapes tried.
+    evidence : float
+        By how much the effect raises the log likelihood, its size drawn and not fitted, in the
+        mean over all shapes tried.
+    scale : float
+        Its size, in sigmas of what is expected.
     theta : tuple of float
         That shape: see `EffectView`.
     sizes : mapping of str to float
@@ -41,13 +46,18 @@ class EffectTest:
     chi2: float
     dof: int
     p_value: float
+    evidence: float
+    scale: float
     theta: Theta
     sizes: Mapping[str, float]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EffectTests:
-    """The tests of all effects that the model lacks and the run shows, the least p-value first."""
+    """The tests of all effects that the model lacks and the run could show.
+
+    The most probable first: by the evidence, which a small p-value alone is not.
+    """
 
     tests: tuple[EffectTest, ...]
 

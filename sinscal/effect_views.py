@@ -10,6 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import logsumexp
 from scipy.stats import chi2
 
 from errormodel.arrays import FloatArray
@@ -22,6 +23,7 @@ from sinscal.priors import GROUP_SIGMAS, MOUNT_SIGMA_RAD, group_of, prior_sigma
 from sinscal.rig_effects import DRIFTS, EFFECTS, RigEffect
 from sinscal.rigdata import CycleData
 from sinscal.run import RigRun
+from sinscal.terms import fading
 
 STEP_TIMES = 24  # tried of a jump
 # What drifts: as warmth that is not recorded does, by so many °C …
@@ -36,6 +38,7 @@ FADING = (RAMP, 0.5, 0.25, 0.12, 0.06, 0.03)
 WAVES = 6
 WALK: Theta = ()
 INDEPENDENT = 1e-6  # share of the largest eigenvalue below which a direction is rounding
+SCALES = np.concatenate([[0.0], np.logspace(-4.0, 1.0, 51)])  # of effects, in expected sigmas
 LEAST_INFORMATION = 1e-6  # in directions of one expected sigma
 
 
@@ -78,6 +81,16 @@ class EffectView:
         """How much χ² the effect explains."""
         seen = self.strengths > 0.0
         return float(np.sum(self.scores[seen] ** 2 / self.strengths[seen]))
+
+    def likelihood(self, variance: float) -> FloatArray:
+        """Return by how much the effect raises the log likelihood at every size of `SCALES`.
+
+        Its unknowns are N(0, s² expected²): an effect of many gains nothing by their number.
+        """
+        s2 = np.square(SCALES)[:, None]
+        more = s2 * self.strengths / variance
+        shown = s2 * self.scores**2 / variance**2
+        return 0.5 * np.sum(shown / (1.0 + more) - np.log1p(more), axis=1)
 
     @property
     def size(self) -> FloatArray:
@@ -193,16 +206,10 @@ def _courses(
     assert effect.drift
     sigma = DRIFT_SIGMAS[effect.drift]
     for share in FADING:
-        yield (share,), fading(at - at[0], share * span_s, span_s)[:, None], np.array([sigma])
+        course = fading(at - at[0], share * span_s, span_s)
+        yield (share,), course[:, None], np.array([sigma])
     orders = np.arange(1, WAVES + 1)
     yield WALK, np.cos(np.pi * np.outer((at - at[0]) / span_s, orders)), sigma / orders
-
-
-def fading(since_s: FloatArray, tau_s: float, span_s: float) -> FloatArray:
-    """Return a course that rises by one over a run: evenly, or fading with a time constant."""
-    if not np.isfinite(tau_s):
-        return since_s / span_s
-    return (1.0 - np.exp(-since_s / tau_s)) / (1.0 - np.exp(-span_s / tau_s))
 
 
 def by_effect(views: Sequence[EffectView]) -> dict[str, list[EffectView]]:
@@ -224,21 +231,23 @@ def tested_effects(views: Sequence[EffectView], variance: float) -> EffectTests:
         Of the normalised innovations, 1 where the noise is as stated.
     """
     found = [_tested(name, shapes, variance) for name, shapes in by_effect(views).items()]
-    return EffectTests(tests=tuple(sorted(found, key=lambda t: (t.p_value, -t.chi2 / t.dof))))
+    return EffectTests(tests=tuple(sorted(found, key=lambda t: -t.evidence)))
 
 
 def _tested(name: str, shapes: Sequence[EffectView], variance: float) -> EffectTest:
     p_values = [float(chi2.sf(v.chi2 / variance, v.dof)) for v in shapes]
-    excess = [v.chi2 / variance - v.dof for v in shapes]
-    k = min(range(len(shapes)), key=lambda i: (p_values[i], -excess[i]))
+    likelihood = np.array([v.likelihood(variance) for v in shapes])
+    most = likelihood.max(axis=1)
+    k = int(np.argmax(most))
     best = shapes[k]
     alone = len({*best.names}) == len(best.names)
-    sizes = dict(zip(best.names, best.size.tolist(), strict=True)) if alone else {}
     return EffectTest(
         name=name,
         chi2=best.chi2 / variance,
         dof=best.dof,
-        p_value=min(1.0, len(shapes) * p_values[k]),
+        p_value=min(1.0, len(shapes) * min(p_values)),
+        evidence=float(logsumexp(most)) - np.log(len(shapes)),
+        scale=float(SCALES[np.argmax(likelihood[k])]),
         theta=best.theta,
-        sizes=sizes,
+        sizes=dict(zip(best.names, best.size.tolist(), strict=True)) if alone else {},
     )

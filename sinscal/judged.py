@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from errormodel.arrays import FloatArray
 from errormodel.errors import InputError
 from sinscal.calibrate import GATE_SIGMAS, INTERVAL_S, Mode, RigCalibration, calibrate
 from sinscal.consistency import (
@@ -12,10 +13,12 @@ from sinscal.consistency import (
     Refused,
     Rows,
     judge_innovations,
+    nis_of,
     normalised_rows,
     refused_of,
     rows_of_rig,
 )
+from sinscal.drift import Drift, drift_shown
 from sinscal.effect_views import EffectView, effect_views, tested_effects
 from sinscal.holdout import Held, HoldOut, cycles_held, hold_out, shift_test, without_cycle
 from sinscal.judged_warnings import Calibration, warnings_of
@@ -24,8 +27,8 @@ from sinscal.noise_estimate import NoiseFound, noise_of_run, refined
 from sinscal.observability import Observability, observability
 from sinscal.priors import PriorFile, make_prior, told_group
 from sinscal.protection import Level, over_limits, protection_levels
-from sinscal.rig_model_file import BiasStep, check_needs
-from sinscal.rigdata import cycle_data, unused_rows
+from sinscal.rig_model_file import BiasDrift, BiasStep, check_needs
+from sinscal.rigdata import RigNoise, cycle_data, unused_rows
 from sinscal.run import NavRun, RigRun
 from sinscal.sensors import T_REF_C, SensorModel, sensor_model
 from sinscal.terms import BASIC, TIME_OFFSET
@@ -80,7 +83,7 @@ class Options:
 class Judged:
     """A calibration with its judgement; `warnings` holds all of them, each begun by its name.
 
-    `steps` are the jumps among the sensors' terms; `protection` the level of every parameter, None
+    `steps` are the jumps among the sensors' terms, `drifts` what was found to drift; `protection` the level of every parameter, None
     where raw sensors were not recorded; `limits` those asked for, by group, and `unprotected` the
     groups whose level is above, each with its worst parameter.
     """
@@ -93,9 +96,15 @@ class Judged:
     flagged: tuple[int, ...]
     warnings: tuple[str, ...]
     steps: tuple[BiasStep, ...] = ()
+    drifts: tuple[Drift, ...] = ()
     protection: Mapping[str, Level] | None = None
     limits: Mapping[str, float] = field(default_factory=dict[str, float])
     unprotected: Mapping[str, str] = field(default_factory=dict[str, str])
+
+    @property
+    def terms(self) -> tuple[BiasDrift, ...]:
+        """The drifts among the sensors' terms."""
+        return tuple(d.term for d in self.drifts if d.term)
 
     @property
     def passed(self) -> bool:
@@ -124,38 +133,84 @@ def calibrate_and_judge(run: RigRun, options: Options, tell: Tell = lambda _: No
     """
     sensors = model_for(run, options)
     _check_limits(run, sensors, options)
-    prior = make_prior(sensors, options.priors)
     noise = noise_of_run(run, angle=options.mode == "precise" and run.rig_angle_rad is not None)
     noise = _as_asked(noise, options)
     tell(f"calibrating: {len(sensors.names)} unknowns, {len(run.cycles)} cycle(s)")
-
-    def once(part: RigRun, known: NoiseFound) -> RigCalibration:
-        return calibrate(
-            part, options.mode, sensors=sensors, prior=prior, noise=known.noise,
-            interval_s=options.interval_s, gate=options.gate,
-        )  # fmt: skip
-
-    found = once(run, noise)
+    found = _calibrated(run, options, sensors, noise.noise)
     if noise.estimated:
         noise = refined(noise, found.filtered)
         tell("again with the noise that the innovations show")
-        found = once(run, noise)
+        found = _calibrated(run, options, sensors, noise.noise)
+    found, views, drifts = _with_drifts(run, options, found, tell)
     held: list[HoldOut] = []
     for cycle in cycles_held(options.hold_out, len(run.cycles), run.source):
         tell(f"without cycle {cycle + 1}")
         held.append(hold_out(run, found, cycle, options.interval_s))
-    tell("testing what the model lacks")
-    given = options.priors.sigma if options.priors else {}
-    views = effect_views(run, found, cycle_data(run, options.interval_s), given)
     judged = judge(
         found,
         [int(np.sum(unused_rows(run, rows))) for rows in run.cycles],
         held,
         noise_known=not {"accelerometer", "angle"} & {*noise.estimated},
-        warnings=noise.warnings,
+        warnings=(*noise.warnings, *(d.warning for d in drifts)),
         views=views,
     )
-    return replace(_protected(judged, views, options.protect), steps=options.steps)
+    judged = _protected(judged, views, options.protect)
+    return replace(judged, steps=options.steps, drifts=drifts)
+
+
+def _calibrated(
+    run: RigRun, options: Options, sensors: SensorModel, noise: RigNoise
+) -> RigCalibration:
+    return calibrate(
+        run, options.mode, sensors=sensors, prior=make_prior(sensors, options.priors), noise=noise,
+        interval_s=options.interval_s, gate=options.gate,
+    )  # fmt: skip
+
+
+def _with_drifts(
+    run: RigRun, options: Options, found: RigCalibration, tell: Tell
+) -> tuple[RigCalibration, tuple[EffectView, ...], tuple[Drift, ...]]:
+    """Return the calibration with the drifts that the run shows, and what it still lacks."""
+    cycles = cycle_data(run, options.interval_s)
+    given = options.priors.sigma if options.priors else {}
+    tell("testing what the model lacks")
+    views = effect_views(run, found, cycles, given)
+    drifts: tuple[Drift, ...] = ()
+    while True:
+        tests = tested_effects(views, variance_of(found))
+        drift = drift_shown(tests, span_of(run))
+        if drift is None or any(d.kind == drift.kind for d in drifts) or _allowed(drift, options):
+            return found, views, drifts
+        drifts = (*drifts, drift)
+        tell(f"again with {drift.family} of the {drift.kind}s")
+        sensors = model_for(run, options, tuple(d.term for d in drifts if d.term))
+        noise = drift.allowed_for(found.noise)
+        found = _calibrated(run, options, sensors, noise)
+        views = effect_views(run, found, cycles, given)
+
+
+def _allowed(drift: Drift, options: Options) -> bool:
+    """Return whether a drift is allowed for already, as large as was asked."""
+    asked = {"gyro": options.gyro_instability, "accel": options.accel_instability}
+    return asked.get(drift.kind, 0.0) > 0.0
+
+
+def span_of(run: RigRun) -> float:
+    """Return the length of a run from its start to the end of its last cycle, s."""
+    last = run.cycles[-1]
+    length_s = run.time_s[last][-1] - run.time_s[last][0] + run.step_s[last][0]
+    return run.begin_of_cycle_s[-1] + float(length_s)
+
+
+def variance_of(found: RigCalibration) -> float:
+    """Return the mean square of the normalised innovations that are white when all is right."""
+    rows = rows_of_rig(found.steps.h.shape[1])
+    return nis_of(_white(normalised_rows(found.filtered), rows)).mean
+
+
+def _white(normalised: FloatArray, rows: Rows) -> FloatArray:
+    seen = normalised[:, list(rows.white)]
+    return seen[np.isfinite(seen)]
 
 
 def _check_limits(run: RigRun | NavRun, sensors: SensorModel, options: Options) -> None:
@@ -206,8 +261,10 @@ def judge_navigation(run: NavRun, options: Options, tell: Tell = lambda _: None)
     return judge(found, [0] * len(run.cycles), held)
 
 
-def model_for(run: RigRun | NavRun, options: Options) -> SensorModel:
-    """Return the sensor model that options ask for.
+def model_for(
+    run: RigRun | NavRun, options: Options, drifts: Sequence[BiasDrift] = ()
+) -> SensorModel:
+    """Return the sensor model that options ask for, with drifts beside.
 
     Raises
     ------
@@ -221,7 +278,7 @@ def model_for(run: RigRun | NavRun, options: Options) -> SensorModel:
     try:
         return sensor_model(
             tuple(dict.fromkeys(groups)),
-            more=[step.maker for step in options.steps],
+            more=[one.maker for one in (*options.steps, *drifts)],
             t_ref_c=options.t_ref_c,
             gravity_m_s2=run.facts.site.gravity_m_s2,
         )

@@ -102,6 +102,9 @@ def told_group(name: str) -> str:
     """Return the group of a parameter, the mounting's and the chamber's coefficients' included."""
     if name.startswith("rig_mount_"):
         return "rig_mount"
+    for change in ("_bias_step_", "_bias_drift_"):
+        if change in name:
+            return name.rpartition("_")[0]
     try:
         return group_of(name)
     except KeyError:  # a chamber's coefficient, by axis

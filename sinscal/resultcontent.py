@@ -93,6 +93,10 @@ def result_content(judged: Judged, run: RigRun | NavRun, told: Estimates) -> dic
         "observability": observability_document(judged.observability),
         "refused": _refused(judged),
         "protection": protection_document(judged),
+        "drift": [
+            {"kind": d.kind, "family": d.family, "sigma": d.sigma, "tau_s": d.tau_s}
+            for d in judged.drifts
+        ],
         "warnings": judged.warnings,
     }
 

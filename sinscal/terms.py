@@ -281,6 +281,32 @@ def bias_step(kind: Kind, at_s: float) -> Maker:
     return make
 
 
+def fading(since_s: FloatArray, tau_s: float, span_s: float) -> FloatArray:
+    """Return a course that rises by one over a run: evenly, or fading with a time constant."""
+    inside = np.clip(since_s, 0.0, span_s)
+    if not np.isfinite(tau_s):
+        return inside / span_s
+    return np.expm1(-inside / tau_s) / np.expm1(-span_s / tau_s)
+
+
+def bias_drift(kind: Kind, tau_s: float, span_s: float) -> Maker:
+    """Return the maker of a drift of the constant error over a run, zero in its mean."""
+    share = tau_s / span_s
+    mean = 0.5 if not np.isfinite(tau_s) else -1.0 / np.expm1(-1.0 / share) - share
+
+    def course(record: Record) -> FloatArray:
+        return fading(record["elapsed_s"], tau_s, span_s) - mean
+
+    def make(c: ChannelId) -> Term | None:
+        if c.kind != kind:
+            return None
+        name, unit = f"{kind}_bias_drift_{c.letter}", "rad/s" if kind == "gyro" else "m/s²"
+        term = _term(name, "The constant error drifts.", [(name, f"δ{c.letter}", unit, course)])
+        return replace(term, needs=frozenset(["elapsed_s"]), predictive=False)
+
+    return make
+
+
 def terms_of(
     channel: ChannelId, groups: Sequence[str], more: Sequence[Maker] = ()
 ) -> tuple[Term, ...]:

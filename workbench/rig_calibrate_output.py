@@ -17,12 +17,16 @@ G = 9.80665
 # group: the unit it is told in, and how many SI units that is
 TOLD_IN: Mapping[str, tuple[str, float]] = {
     "gyro_bias": ("°/h", DEG_PER_H),
+    "gyro_bias_step": ("°/h", DEG_PER_H),
+    "gyro_bias_drift": ("°/h", DEG_PER_H),
     "gyro_scale": ("ppm", 1e-6),
     "gyro_misalignment": ("′", ARCMIN),
     "gyro_g_sensitivity": ("°/h/g", DEG_PER_H / G),
     "gyro_scale_asymmetry": ("ppm", 1e-6),
     "gyro_temperature_drift": ("°/h/°C", DEG_PER_H),
     "accel_bias": ("µg", 1e-6 * G),
+    "accel_bias_step": ("µg", 1e-6 * G),
+    "accel_bias_drift": ("µg", 1e-6 * G),
     "accel_scale": ("ppm", 1e-6),
     "accel_misalignment": ("′", ARCMIN),
     "accel_second_order": ("µg/g²", 1e-6 / G),

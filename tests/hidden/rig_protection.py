@@ -73,7 +73,9 @@ def walk_of(kind: str, setup: Setup, rng: np.random.Generator) -> Stranger:
 
     def stranger(motion: Motion, t: Floats, x: Floats) -> tuple[Floats, Floats]:
         del motion, x
-        shape = np.column_stack([np.interp(t, at, w) - m for w, m in zip(walk.T, mean, strict=True)])
+        shape = np.column_stack(
+            [np.interp(t, at, w) - m for w, m in zip(walk.T, mean, strict=True)]
+        )
         zero = np.zeros_like(shape)
         return (shape, zero) if kind == "gyro" else (zero, shape)
 
