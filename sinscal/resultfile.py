@@ -176,11 +176,8 @@ def signed(result: R) -> R:
 def result_digest(result: ResultContent) -> str:
     """Return the digest of a result's content."""
     content = result.model_dump(mode="json", exclude={"result_id"})
-    for later in (
-        "protection",
-        "drift",
-        "drifts",
-    ):  # files made before these were known keep their digest
+    # files made before these were known keep their digest
+    for later in ("protection", "drift", "drifts"):
         if not content.get(later):
             content.pop(later, None)
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:16]
