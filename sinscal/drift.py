@@ -1,4 +1,4 @@
-"""Slow drift of the constant errors: of which kind it is, by likelihood, and into the model with it.
+"""Slow drift of the constant errors: its family by likelihood, and into the model with it.
 
 A walk enters the filter as noise of the motion, so that every sigma carries it; an even or fading
 course enters as a term of three unknowns beside the constant error.
@@ -60,15 +60,19 @@ class Drift:
         return replace(noise, instability_tau_s=self.tau_s)
 
     @property
-    def warning(self) -> str:
-        """What a result says of it."""
+    def sentence(self) -> str:
+        """What drifts, and how."""
         unit = "rad/s" if self.kind == "gyro" else "m/s²"
         sensors = "gyros" if self.kind == "gyro" else "accelerometers"
         return (
-            f"drift_estimated: the constant errors of the {sensors} drift: "
-            f"{WORDS[self.family]} of about {self.sigma:.2g} {unit} with {self.tau_s:.0f} s is the "
-            "most probable course; it is estimated as well, and the sigmas carry it"
+            f"the constant errors of the {sensors} drift slowly; {WORDS[self.family]} of about "
+            f"{self.sigma:.2g} {unit} over {self.tau_s:.0f} s is the most probable course"
         )
+
+    @property
+    def warning(self) -> str:
+        """What a calibration says of it."""
+        return f"drift_estimated: {self.sentence}; it is estimated, and the sigmas carry it"
 
 
 def drift_shown(effects: EffectTests, span_s: float) -> Drift | None:

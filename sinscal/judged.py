@@ -83,9 +83,9 @@ class Options:
 class Judged:
     """A calibration with its judgement; `warnings` holds all of them, each begun by its name.
 
-    `steps` are the jumps among the sensors' terms, `drifts` what was found to drift; `protection` the level of every parameter, None
-    where raw sensors were not recorded; `limits` those asked for, by group, and `unprotected` the
-    groups whose level is above, each with its worst parameter.
+    `steps` are the jumps among the sensors' terms, `drifts` what was found to drift; `protection`
+    the level of every parameter, None where raw sensors were not recorded; `limits` those asked
+    for, by group, and `unprotected` the groups whose level is above, each with its worst parameter.
     """
 
     found: Calibration
@@ -178,7 +178,7 @@ def _with_drifts(
     drifts: tuple[Drift, ...] = ()
     while True:
         tests = tested_effects(views, variance_of(found))
-        drift = drift_shown(tests, span_of(run))
+        drift = drift_shown(tests, run.length_s)
         if drift is None or any(d.kind == drift.kind for d in drifts) or _allowed(drift, options):
             return found, views, drifts
         drifts = (*drifts, drift)
@@ -193,13 +193,6 @@ def _allowed(drift: Drift, options: Options) -> bool:
     """Return whether a drift is allowed for already, as large as was asked."""
     asked = {"gyro": options.gyro_instability, "accel": options.accel_instability}
     return asked.get(drift.kind, 0.0) > 0.0
-
-
-def span_of(run: RigRun) -> float:
-    """Return the length of a run from its start to the end of its last cycle, s."""
-    last = run.cycles[-1]
-    length_s = run.time_s[last][-1] - run.time_s[last][0] + run.step_s[last][0]
-    return run.begin_of_cycle_s[-1] + float(length_s)
 
 
 def variance_of(found: RigCalibration) -> float:

@@ -177,6 +177,7 @@ def result_digest(result: ResultContent) -> str:
     """Return the digest of a result's content."""
     content = result.model_dump(mode="json", exclude={"result_id"})
     # files made before these were known keep their digest
+    # files made before these were known keep their digest
     for later in ("protection", "drift", "drifts"):
         if not content.get(later):
             content.pop(later, None)
