@@ -23,7 +23,7 @@ from sinscal.effect_views import EffectView, effect_views, tested_effects
 from sinscal.holdout import Held, HoldOut, cycles_held, hold_out, shift_test, without_cycle
 from sinscal.judged_warnings import Calibration, warnings_of
 from sinscal.navigation import calibrate_navigation
-from sinscal.noise_estimate import NoiseFound, noise_of_run, refined
+from sinscal.noise_estimate import NoiseFound, believed, noise_of_run, refined
 from sinscal.observability import Observability, observability
 from sinscal.priors import PriorFile, make_prior, told_group
 from sinscal.protection import Level, over_limits, protection_levels
@@ -134,7 +134,7 @@ def calibrate_and_judge(run: RigRun, options: Options, tell: Tell = lambda _: No
     sensors = model_for(run, options)
     _check_limits(run, sensors, options)
     noise = noise_of_run(run, angle=options.mode == "precise" and run.rig_angle_rad is not None)
-    noise = _as_asked(noise, options)
+    noise = _as_asked(believed(noise, run), options)
     tell(f"calibrating: {len(sensors.names)} unknowns, {len(run.cycles)} cycle(s)")
     found = _calibrated(run, options, sensors, noise.noise)
     if noise.estimated:
