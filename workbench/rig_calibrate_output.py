@@ -41,8 +41,8 @@ TOLD_IN: Mapping[str, tuple[str, float]] = {
 }
 WELL_PROTECTED = 2.0  # times the noise's share: below it no effect is worth telling
 UNSEEN = (
-    "what no test sees and no level holds: the recorder's clock (1000 ppm fast is −1000 ppm in every "
-    "gyro scale), gravity that differs from the normal one, two effects that hide each other"
+    "what no test sees and no level holds: the recorder's clock (1000 ppm fast is −1000 ppm in "
+    "every gyro scale), gravity that differs from the normal one, two effects that hide each other"
 )
 SHOWN = 10  # refused measurements in words
 TESTS = {
