@@ -18,42 +18,48 @@ from errormodel.filtering import Steps
 
 
 @numba.njit(cache=True)
-def _signatures(
+def _followed(
     h: FloatArray,
     phi: FloatArray,
     gains: FloatArray,
     by_measurement: FloatArray,
     by_motion: FloatArray,
-) -> FloatArray:
+) -> tuple[FloatArray, FloatArray]:
     steps, m, n = h.shape
     lead = phi.shape[1]
     c = by_measurement.shape[2]
     out = np.zeros((steps, m, c))
     left = np.zeros((n, c))  # what of the candidate the estimate has not followed
+    moved = np.zeros((lead, c))
     for k in range(steps):
         for j in range(m):
-            for e in range(c):
-                nu = by_measurement[k, j, e]
-                for i in range(n):
-                    nu += h[k, j, i] * left[i, e]
-                out[k, j, e] = nu
-                for i in range(n):
-                    left[i, e] -= gains[k, j, i] * nu
-        moved = np.zeros((lead, c))
+            nu = out[k, j]
+            nu += by_measurement[k, j]
+            for i in range(n):
+                by = h[k, j, i]
+                if by != 0.0:
+                    for e in range(c):
+                        nu[e] += by * left[i, e]
+            for i in range(n):
+                gain = gains[k, j, i]
+                if gain != 0.0:
+                    for e in range(c):
+                        left[i, e] -= gain * nu[e]
         for i in range(lead):
-            for e in range(c):
-                total = by_motion[k, i, e]
-                for s in range(n):
-                    total += phi[k, i, s] * left[s, e]
-                moved[i, e] = total
+            moved[i] = by_motion[k, i]
+            for s in range(n):
+                by = phi[k, i, s]
+                if by != 0.0:
+                    for e in range(c):
+                        moved[i, e] += by * left[s, e]
         left[:lead] = moved
-    return out
+    return out, left
 
 
-def signatures(
+def followed(
     steps: Steps, gains: FloatArray, by_measurement: FloatArray, by_motion: FloatArray
-) -> FloatArray:
-    """Compute what c candidates, each of unit size, leave in the innovations of a filter.
+) -> tuple[FloatArray, FloatArray]:
+    """Compute what c candidates, each of unit size, do to a filter that does not know them.
 
     Parameters
     ----------
@@ -68,15 +74,25 @@ def signatures(
 
     Returns
     -------
-    ndarray, shape (K, m, c)
+    innovations : ndarray, shape (K, m, c)
+        What they leave in the innovations.
+    errors : ndarray, shape (n, c)
+        Truth less estimate after the last step.
     """
-    return _signatures(
+    return _followed(
         np.ascontiguousarray(steps.h),
         np.ascontiguousarray(steps.phi),
         np.ascontiguousarray(gains),
         np.ascontiguousarray(by_measurement),
         np.ascontiguousarray(by_motion),
     )
+
+
+def signatures(
+    steps: Steps, gains: FloatArray, by_measurement: FloatArray, by_motion: FloatArray
+) -> FloatArray:
+    """Return the innovations of `followed`, shape (K, m, c)."""
+    return followed(steps, gains, by_measurement, by_motion)[0]
 
 
 @numba.njit(cache=True)

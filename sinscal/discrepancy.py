@@ -15,10 +15,12 @@ from errormodel.discrepancy.nulls import calibrate as simulate_nulls
 from errormodel.discrepancy.scan import View
 from errormodel.discrepancy.search import Search
 from sinscal.calibrate import Mode
+from sinscal.discrepancy_drift import against_drift
 from sinscal.discrepancy_filter import FilterProblem
 from sinscal.discrepancy_holdout import CycleGap, gaps_by_cycle, held_out, rms_by_channel
 from sinscal.discrepancy_noise import MeasuredNoise, measured_noise
 from sinscal.discrepancy_source import RigSource
+from sinscal.drift import Drift
 from sinscal.noise_estimate import noise_of_run
 from sinscal.rig_effects import BY_NAME, RigEffect
 from sinscal.rig_model_file import RigModelFile, check_needs
@@ -81,6 +83,8 @@ class RigDiscrepancy(Conclusion):
     smallest_nameable : dict of str to (float, str)
         Size of the effect's first visible unknown at strength seven, and its unit.
     experiment : str or None
+    drift : Drift or None
+        The slow drift of the constant errors that the run shows; an alias set may hold it.
     """
 
     source: RigSource
@@ -97,6 +101,7 @@ class RigDiscrepancy(Conclusion):
     invisible: tuple[str, ...]
     smallest_nameable: dict[str, tuple[float, str]]
     experiment: str | None
+    drift: Drift | None
 
 
 def find_rig_discrepancy(
@@ -160,6 +165,7 @@ def find_rig_discrepancy(
     verdict = judge(search.view(choices), result, laws, rules, too_much_drift=False)
     places = locate(search.view(()), laws) if verdict.verdict != "nothing" else ()
     verdict = outdone(verdict, result, places, laws, rules)
+    verdict, result, drift = against_drift(source.filter_with(()), verdict, result)
     if verdict.verdict not in ("named", "alias"):
         choices = ()
     before, after = source.filter_with(()), source.filter_with(choices)
@@ -182,6 +188,7 @@ def find_rig_discrepancy(
         invisible=invisible,
         smallest_nameable=smallest,
         experiment=_experiment(result, verdict, invisible),
+        drift=drift,
     )
 
 

@@ -59,10 +59,15 @@ class FilterProblem:
     )
 
     @cached_property
+    def steps(self) -> Steps:
+        """The steps of the last pass, without what its gate refused."""
+        found = self.found
+        return replace(found.steps, z=np.where(self.kept, found.steps.z, np.nan))
+
+    @cached_property
     def gains(self) -> FloatArray:
         """The gains of the last pass."""
-        again = run_filter(self.found.start, self.found.steps, with_gains=True)
-        return again.gains
+        return run_filter(self.found.start, self.steps, with_gains=True).gains
 
     @cached_property
     def elapsed_s(self) -> FloatArray:
@@ -134,7 +139,7 @@ class FilterProblem:
 
     def normalised(self, h: FloatArray, phi: FloatArray) -> FloatArray:
         """Return what columns of measurements and motion leave in the normalised innovations."""
-        seen = signatures(self.found.steps, self.gains, h, phi)
+        seen = signatures(self.steps, self.gains, h, phi)
         sigma = np.sqrt(self.found.filtered.variance[self.kept])
         return seen[self.kept] / sigma[:, None]
 
@@ -157,8 +162,8 @@ class FilterProblem:
         """Return an effect's unknowns, and how each enters measurements and motion."""
         steps, names, _ = self._wider
         belongs = effect.unknowns()
-        if effect.step:
-            names_of = [f"{effect.step}_bias_{a}" for a in "xyz"]
+        if kind := effect.step or effect.drift:
+            names_of = [f"{kind}_bias_{a}" for a in "xyz"]
         else:
             names_of = [n for n in names if belongs(n)]
         places = [names.index(n) for n in names_of]

@@ -14,10 +14,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from errormodel.arrays import FloatArray
+from errormodel.arrays import FloatArray, IntArray
 from sinscal.attitude import skew
 from sinscal.bins import Bins, bins_of
-from sinscal.run import RigRun
+from sinscal.run import BoolArray, RigRun
 
 SPAN_S = 1.0
 LARGEST_TURN = np.deg2rad(15.0)  # of gravity between spans: tan(x)/x there is 1.006
@@ -26,6 +26,8 @@ PRIOR_BIAS = 0.05  # rad/s: a bias of 3 °/s is beyond MEMS
 EXCITED = 100.0  # a gyro's mean square turn over that of its noise
 KNOWN = 0.1  # sigma of the entries of a column that is spoken of, over its length
 FEWEST = 20  # pairs of spans
+SIGMAS_OF_TURN = 6.0  # from which a turn is none of the noise
+SLOWEST = np.deg2rad(0.05)  # rad/s: neither is it the earth's rotation or a bias
 MUCH = 5.0  # times the noise of a change: below it is nothing to explain
 
 
@@ -65,7 +67,7 @@ def gravity_map(run: RigRun) -> GravityMap | None:
         ],
         axis=2,
     )
-    found, cov = _solve(columns, change)
+    found, cov = _solve(columns, change, _turning(run, bins, at, turn))
     sigma = np.sqrt(np.diag(cov)[:9]).reshape(3, 3)
     strong = np.mean(turn**2, axis=0) > EXCITED * _noise_turn2(run, bins)
     matrix = found[:9].reshape(3, 3)
@@ -95,8 +97,21 @@ def _fine_bins(run: RigRun) -> Bins:
         span_s *= 0.5
 
 
-def _solve(columns: FloatArray, change: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the twelve unknowns and their covariance; outliers are left out once."""
+def _turning(run: RigRun, bins: Bins, at: IntArray, turn: FloatArray) -> BoolArray:
+    """Return between which spans the run turns, by more than the gyros' noise makes up."""
+    noise: FloatArray = np.sqrt(np.sum(_noise_turn2(run, bins)))
+    least = np.maximum(SIGMAS_OF_TURN * noise, SLOWEST * bins.length_s[at])
+    return np.linalg.norm(turn, axis=1) > least
+
+
+def _solve(
+    columns: FloatArray, change: FloatArray, turning: BoolArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the twelve unknowns and their covariance; outliers are left out once.
+
+    What is an outlier among turns is judged by turns: what lever arms and starts leave there is
+    beyond all that a dwell shows.
+    """
     start = np.concatenate([np.eye(3).ravel(), np.zeros(3)])
     prior = np.concatenate([np.full(9, PRIOR_M), np.full(3, PRIOR_BIAS)]) ** -2.0
     noise2 = max(float(np.mean(change**2)), 1e-20)
@@ -107,9 +122,14 @@ def _solve(columns: FloatArray, change: FloatArray) -> tuple[FloatArray, FloatAr
         cov = np.linalg.inv(a.T @ a / noise2 + np.diag(prior))
         found = cov @ (a.T @ y / noise2 + prior * start)
         left: FloatArray = np.linalg.norm(change - columns @ found, axis=1)
-        typical = float(np.median(left)) / 1.538  # of a norm of three normal numbers
-        keep = left <= max(6.0 * typical, 1e-12)
-        noise2 = max(float(np.mean(left[keep] ** 2)) / 3.0, 1e-20)
+        typical = np.inf
+        for mine in (turning, ~turning):  # a rest leaves no more than a turn does
+            if mine.any():
+                # of a norm of three normal numbers
+                typical = min(typical, float(np.median(left[mine])) / 1.538)
+                keep[mine] = left[mine] <= max(6.0 * typical, 1e-12)
+        judged = keep & turning if np.any(keep & turning) else keep
+        noise2 = max(float(np.mean(left[judged] ** 2)) / 3.0, 1e-20)
     return found, cov
 
 

@@ -1,7 +1,7 @@
 """A calibration and everything that says how far it can be trusted, from one call."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -13,26 +13,30 @@ from sinscal.consistency import (
     Refused,
     Rows,
     judge_innovations,
+    nis_of,
     normalised_rows,
     refused_of,
     rows_of_rig,
 )
+from sinscal.drift import Drift, drift_shown
+from sinscal.effect_views import EffectView, effect_views, tested_effects
 from sinscal.holdout import Held, HoldOut, cycles_held, hold_out, shift_test, without_cycle
-from sinscal.navigation import NavCalibration, calibrate_navigation
-from sinscal.noise_estimate import NoiseFound, noise_of_run, refined
+from sinscal.judged_warnings import Calibration, warnings_of
+from sinscal.navigation import calibrate_navigation
+from sinscal.noise_estimate import NoiseFound, believed, noise_of_run, refined
 from sinscal.observability import Observability, observability
-from sinscal.priors import PriorFile, RigPrior, make_prior
-from sinscal.rig_model_file import BiasStep, check_needs
-from sinscal.rigdata import RigNoise, unused_rows
+from sinscal.priors import PriorFile, make_prior, told_group
+from sinscal.protection import Level, over_limits, protection_levels
+from sinscal.rig_model_file import BiasDrift, BiasStep, check_needs
+from sinscal.rigdata import RigNoise, cycle_data, unused_rows
 from sinscal.run import NavRun, RigRun
 from sinscal.sensors import T_REF_C, SensorModel, sensor_model
 from sinscal.terms import BASIC, TIME_OFFSET
 
-NOISE_FACTOR = 1.5  # by which the sigma of the innovations may be off before it is said by name
-PRIOR_SIGMAS = 6.0
+# Warnings by which a run contradicts physics or what is stated beside it: none of them passes.
+CONTRADICTIONS = ("_contradiction", "reversed_force")
 
 Tell = Callable[[str], None]
-Calibration = RigCalibration | NavCalibration
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,6 +60,8 @@ class Options:
     t_ref_c : float
     hold_out : {"last", "each", "none"} or int
         The cycle judged by the others: the last, each in turn, none, or one by its number from 1.
+    protect : mapping of str to float
+        The largest protection level allowed of the parameters of a group, SI.
     """
 
     mode: Mode = "coarse"
@@ -70,13 +76,16 @@ class Options:
     wobble: float | None = None
     t_ref_c: float = T_REF_C
     hold_out: Held = "last"
+    protect: Mapping[str, float] = field(default_factory=dict[str, float])
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Judged:
     """A calibration with its judgement; `warnings` holds all of them, each begun by its name.
 
-    `steps` are the jumps among the sensors' terms.
+    `steps` are the jumps among the sensors' terms, `drifts` what was found to drift; `protection`
+    the level of every parameter, None where raw sensors were not recorded; `limits` those asked
+    for, by group, and `unprotected` the groups whose level is above, each with its worst parameter.
     """
 
     found: Calibration
@@ -87,11 +96,20 @@ class Judged:
     flagged: tuple[int, ...]
     warnings: tuple[str, ...]
     steps: tuple[BiasStep, ...] = ()
+    drifts: tuple[Drift, ...] = ()
+    protection: Mapping[str, Level] | None = None
+    limits: Mapping[str, float] = field(default_factory=dict[str, float])
+    unprotected: Mapping[str, str] = field(default_factory=dict[str, str])
+
+    @property
+    def terms(self) -> tuple[BiasDrift, ...]:
+        """The drifts among the sensors' terms."""
+        return tuple(d.term for d in self.drifts if d.term)
 
     @property
     def passed(self) -> bool:
-        """Whether the calibration is consistent."""
-        return self.consistency.passed
+        """Whether the calibration is consistent, and protected as far as was asked."""
+        return self.consistency.passed and not self.unprotected
 
 
 def calibrate_and_judge(run: RigRun, options: Options, tell: Tell = lambda _: None) -> Judged:
@@ -114,22 +132,16 @@ def calibrate_and_judge(run: RigRun, options: Options, tell: Tell = lambda _: No
         If the run lacks what is asked for.
     """
     sensors = model_for(run, options)
-    prior = make_prior(sensors, options.priors)
+    _check_limits(run, sensors, options)
     noise = noise_of_run(run, angle=options.mode == "precise" and run.rig_angle_rad is not None)
-    noise = _as_asked(noise, options)
+    noise = _as_asked(believed(noise, run), options)
     tell(f"calibrating: {len(sensors.names)} unknowns, {len(run.cycles)} cycle(s)")
-
-    def once(part: RigRun, known: NoiseFound) -> RigCalibration:
-        return calibrate(
-            part, options.mode, sensors=sensors, prior=prior, noise=known.noise,
-            interval_s=options.interval_s, gate=options.gate,
-        )  # fmt: skip
-
-    found = once(run, noise)
+    found = _calibrated(run, options, sensors, noise.noise)
     if noise.estimated:
         noise = refined(noise, found.filtered)
         tell("again with the noise that the innovations show")
-        found = once(run, noise)
+        found = _calibrated(run, options, sensors, noise.noise)
+    found, views, drifts = _with_drifts(run, options, found, tell)
     held: list[HoldOut] = []
     for cycle in cycles_held(options.hold_out, len(run.cycles), run.source):
         tell(f"without cycle {cycle + 1}")
@@ -139,9 +151,79 @@ def calibrate_and_judge(run: RigRun, options: Options, tell: Tell = lambda _: No
         [int(np.sum(unused_rows(run, rows))) for rows in run.cycles],
         held,
         noise_known=not {"accelerometer", "angle"} & {*noise.estimated},
-        warnings=noise.warnings,
+        warnings=(*noise.warnings, *(d.warning for d in drifts)),
+        views=views,
     )
-    return replace(judged, steps=options.steps)
+    judged = _protected(judged, views, options.protect)
+    return replace(judged, steps=options.steps, drifts=drifts)
+
+
+def _calibrated(
+    run: RigRun, options: Options, sensors: SensorModel, noise: RigNoise
+) -> RigCalibration:
+    return calibrate(
+        run, options.mode, sensors=sensors, prior=make_prior(sensors, options.priors), noise=noise,
+        interval_s=options.interval_s, gate=options.gate,
+    )  # fmt: skip
+
+
+def _with_drifts(
+    run: RigRun, options: Options, found: RigCalibration, tell: Tell
+) -> tuple[RigCalibration, tuple[EffectView, ...], tuple[Drift, ...]]:
+    """Return the calibration with the drifts that the run shows, and what it still lacks."""
+    cycles = cycle_data(run, options.interval_s)
+    given = options.priors.sigma if options.priors else {}
+    tell("testing what the model lacks")
+    views = effect_views(run, found, cycles, given)
+    drifts: tuple[Drift, ...] = ()
+    while True:
+        tests = tested_effects(views, variance_of(found))
+        drift = drift_shown(tests, run.length_s)
+        if drift is None or any(d.kind == drift.kind for d in drifts) or _allowed(drift, options):
+            return found, views, drifts
+        drifts = (*drifts, drift)
+        tell(f"again with {drift.family} of the {drift.kind}s")
+        sensors = model_for(run, options, tuple(d.term for d in drifts if d.term))
+        noise = drift.allowed_for(found.noise)
+        found = _calibrated(run, options, sensors, noise)
+        views = effect_views(run, found, cycles, given)
+
+
+def _allowed(drift: Drift, options: Options) -> bool:
+    """Return whether a drift is allowed for already, as large as was asked."""
+    asked = {"gyro": options.gyro_instability, "accel": options.accel_instability}
+    return asked.get(drift.kind, 0.0) > 0.0
+
+
+def variance_of(found: RigCalibration) -> float:
+    """Return the mean square of the normalised innovations that are white when all is right."""
+    rows = rows_of_rig(found.steps.h.shape[1])
+    return nis_of(_white(normalised_rows(found.filtered), rows)).mean
+
+
+def _white(normalised: FloatArray, rows: Rows) -> FloatArray:
+    seen = normalised[:, list(rows.white)]
+    return seen[np.isfinite(seen)]
+
+
+def _check_limits(run: RigRun | NavRun, sensors: SensorModel, options: Options) -> None:
+    """Check that the groups whose protection is asked for are estimated."""
+    estimated = {told_group(n) for n in sensors.names}
+    if options.mode == "precise":
+        estimated.add("rig_mount")
+    for group in options.protect:
+        if isinstance(run, NavRun):
+            raise InputError(run.source, f"protect {group}", "expected a run of raw sensors")
+        if group not in estimated:
+            raise InputError(run.source, f"protect {group}", "not estimated; add it by --groups")
+
+
+def _protected(judged: Judged, views: Sequence[EffectView], limits: Mapping[str, float]) -> Judged:
+    """Return a judgement with its protection levels, held to the limits asked for."""
+    found, variance = judged.found, judged.consistency.nis.mean
+    levels = protection_levels(found.names, found.sigmas, views, variance)
+    over = over_limits(levels, limits, {n: told_group(n) for n in levels})
+    return replace(judged, protection=levels, limits=limits, unprotected=over)
 
 
 def judge_navigation(run: NavRun, options: Options, tell: Tell = lambda _: None) -> Judged:
@@ -160,6 +242,7 @@ def judge_navigation(run: NavRun, options: Options, tell: Tell = lambda _: None)
         If the run lacks what is asked for.
     """
     sensors = model_for(run, replace(options, mode="coarse"))
+    _check_limits(run, sensors, options)
     prior = make_prior(sensors, options.priors)
     tell(f"calibrating: {len(sensors.names)} unknowns, {len(run.cycles)} cycle(s)")
     found = calibrate_navigation(run, sensors=sensors, prior=prior)
@@ -171,8 +254,10 @@ def judge_navigation(run: NavRun, options: Options, tell: Tell = lambda _: None)
     return judge(found, [0] * len(run.cycles), held)
 
 
-def model_for(run: RigRun | NavRun, options: Options) -> SensorModel:
-    """Return the sensor model that options ask for.
+def model_for(
+    run: RigRun | NavRun, options: Options, drifts: Sequence[BiasDrift] = ()
+) -> SensorModel:
+    """Return the sensor model that options ask for, with drifts beside.
 
     Raises
     ------
@@ -186,7 +271,7 @@ def model_for(run: RigRun | NavRun, options: Options) -> SensorModel:
     try:
         return sensor_model(
             tuple(dict.fromkeys(groups)),
-            more=[step.maker for step in options.steps],
+            more=[one.maker for one in (*options.steps, *drifts)],
             t_ref_c=options.t_ref_c,
             gravity_m_s2=run.facts.site.gravity_m_s2,
         )
@@ -211,6 +296,7 @@ def judge(
     held: Sequence[HoldOut],
     noise_known: bool = True,
     warnings: Sequence[str] = (),
+    views: Sequence[EffectView] | None = None,
 ) -> Judged:
     """Judge a calibration by its innovations, a cycle held out and what was known beforehand.
 
@@ -224,6 +310,8 @@ def judge(
         Whether the noise is not from the same data.
     warnings : sequence of str
         Known before.
+    views : sequence of EffectView, optional
+        What the effects that are missing would do; without them they are not tested.
     """
     if isinstance(found, RigCalibration):
         rows = rows_of_rig(found.steps.h.shape[1])
@@ -241,6 +329,12 @@ def judge(
         prior=shift_test(found.values[:p], found.cov[:p, :p], found.prior.values, found.prior.cov),
         noise_known=noise_known,
         converged=found.converged,
+        effects=None if views is None else tested_effects(views, nis.mean),
+    )
+    told = (*found.warnings, *warnings, *warnings_of(found, consistency))
+    against = [w.partition(":")[0] for w in told]
+    consistency = replace(
+        consistency, contradictions=tuple(n for n in against if n.endswith(CONTRADICTIONS))
     )
     own = [found.layout.names.index(name) for name in found.names]
     return Judged(
@@ -250,66 +344,5 @@ def judge(
         observability=observability(found.names, found.cov, found.start.sigmas[own]),
         refused=refused_of(found.filtered, found.cycle_of_step, found.time_s, rows),
         flagged=tuple(flagged),
-        warnings=(*found.warnings, *warnings, *_contradictions(found, consistency)),
+        warnings=told,
     )
-
-
-def _contradictions(found: Calibration, consistency: Consistency) -> list[str]:
-    out: list[str] = []
-    sigma = float(np.sqrt(consistency.nis.mean))
-    if consistency.noise_known and not 1 / NOISE_FACTOR < sigma < NOISE_FACTOR:
-        out.append(
-            f"noise_contradiction: the innovations are {sigma:.2g} times as large as the noise "
-            "stated allows; all sigmas are wrong by about that, or the model lacks something"
-        )
-    if not (consistency.white and consistency.steady):
-        out.append(
-            "coloured_innovations: the innovations are not white: the sensors drift slowly or the "
-            "model lacks something, and the sigmas are too small; " + _advice(found)
-        )
-    if not consistency.repeats:
-        worst = min(consistency.held_out, key=lambda held: held.shift.p_value)
-        out.append(
-            f"cycle_contradiction: cycle {worst.cycle + 1} does not agree with the "
-            f"others; where nothing else is wrong the sensors drift: {_advice(found)}"
-        )
-    if not consistency.within_bound:
-        out.append(
-            "axis_moves: across itself the rig's axis moves more than assumed; see --axis-wobble"
-        )
-    if not consistency.expected:
-        out.append(
-            f"prior_contradiction: the errors are larger than expected beforehand, χ² "
-            f"{consistency.prior.chi2:.0f} with {consistency.prior.dof} degrees of freedom; where "
-            "that is no fault, --priors takes wider ones"
-        )
-    out += prior_contradictions(found.names, found.values, found.sensors, found.prior)
-    if not consistency.converged:
-        out.append("not_converged: the estimates still move; the values are not to be used")
-    return out
-
-
-def _advice(found: Calibration) -> str:
-    if isinstance(found.noise, RigNoise):
-        if found.noise.drifts:
-            return "the drift allowed for does not explain it"
-        return "--gyro-instability and --accel-instability allow for drift"
-    return "the outputs do not agree with the noise stated"
-
-
-def prior_contradictions(
-    names: Sequence[str], values: FloatArray, sensors: SensorModel, prior: RigPrior
-) -> list[str]:
-    """Return a warning for each estimate beyond six of its prior's sigmas."""
-    sigma = np.sqrt(np.diag(prior.cov))
-    out: list[str] = []
-    for name, value in zip(names, values, strict=True):
-        if name not in sensors.names:
-            continue
-        k = sensors.names.index(name)
-        if sigma[k] > 0 and abs(value - prior.values[k]) > PRIOR_SIGMAS * sigma[k]:
-            out.append(
-                f"prior_contradiction: {name} is {value:.3g}, "
-                f"{abs(value - prior.values[k]) / sigma[k]:.0f} sigmas of the prior from its mean"
-            )
-    return out

@@ -1,7 +1,7 @@
 """White noise of a rig run from its own readings, where its sidecar does not state it."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from math import comb, sqrt
 
 import numpy as np
@@ -30,18 +30,29 @@ LEAST = 1e-3  # of what was guessed: no estimate falls below
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NoiseFound:
-    """The noise of a run, and the names of the densities that had to be estimated."""
+    """The noise of a run, and the names of the densities that had to be estimated.
+
+    `misstated` are those that are stated, each with the factor by which it is larger.
+    """
 
     noise: RigNoise
     estimated: tuple[str, ...]
+    misstated: Mapping[str, float] = field(default_factory=dict[str, float])
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """What a result must say of it."""
-        if not self.estimated:
-            return ()
-        what = ", ".join(self.estimated)
+        wrong = tuple(
+            f"noise_misstated: {name} noise is {factor:.2f} times what is stated; it was taken "
+            "from the run itself"
+            for name, factor in self.misstated.items()
+        )
+        unstated = [name for name in self.estimated if name not in self.misstated]
+        if not unstated:
+            return wrong
+        what = ", ".join(unstated)
         return (
+            *wrong,
             f"noise_estimated: {what} noise is not stated in the sidecar and was taken from the "
             f"run itself; NIS then says nothing, whiteness and the cycle held out do",
         )
@@ -128,6 +139,33 @@ def _differences(values: FloatArray, every: int) -> FloatArray:
     """Return the sizes of third differences of means of so many readings, as one mean's noise."""
     part = values[: len(values) // every * every].reshape(-1, every, values.shape[1]).mean(axis=1)
     return np.abs(np.diff(part, ORDER, axis=0)) / np.sqrt(comb(2 * ORDER, ORDER))
+
+
+# What is stated is not believed when the readings differ from it by more than so many sigmas and
+# this share. Beyond the factor it is no inaccuracy: it contradicts the run.
+MISSTATED_SIGMAS, MISSTATED_SHARE, CONTRADICTED = 5.0, 0.08, 1.5
+
+
+def believed(stated: NoiseFound, run: RigRun) -> NoiseFound:
+    """Return the noise with densities that are stated a little wrong measured instead.
+
+    Third differences of short means hold no motion and no effect that a model may lack, so that
+    what is missing does not pass for noise.
+    """
+    noise, wrong = stated.noise, dict[str, float]()
+    for name, key, measure in (
+        ("gyro", "gyro", gyro_density),
+        ("accelerometer", "accel", accel_density),
+    ):
+        if name in stated.estimated:
+            continue
+        found, said = measure(run), float(getattr(noise, key))
+        apart = abs(found.value - said)
+        differs = apart > max(MISSTATED_SIGMAS * found.sigma, MISSTATED_SHARE * said)
+        if differs and 1.0 / CONTRADICTED < found.value / said < CONTRADICTED:
+            wrong[name] = found.value / said
+            noise = replace(noise, **{key: found.value})
+    return replace(stated, noise=noise, estimated=(*stated.estimated, *wrong), misstated=wrong)
 
 
 def refined(before: NoiseFound, filtered: Filtered) -> NoiseFound:

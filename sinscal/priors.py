@@ -30,6 +30,7 @@ GROUP_SIGMAS: Mapping[str, float] = {
     "accel_misalignment": 3.0 * ARCMIN,
     "accel_second_order": 1e-4 / G,
     "lever_arm": 0.1,
+    "accel_delay": 0.005,
     "accel_temperature_bias": 100e-6 * G,
     "accel_temperature_scale": 200e-6,
     "rig_time_offset": 0.05,
@@ -95,6 +96,19 @@ def group_of(name: str) -> str:
     if not found:
         raise KeyError(f"{name} belongs to no group")
     return max(found, key=len)
+
+
+def told_group(name: str) -> str:
+    """Return the group of a parameter, the mounting's and the chamber's coefficients' included."""
+    if name.startswith("rig_mount_"):
+        return "rig_mount"
+    for change in ("_bias_step_", "_bias_drift_"):
+        if change in name:
+            return name.rpartition("_")[0]
+    try:
+        return group_of(name)
+    except KeyError:  # a chamber's coefficient, by axis
+        return name.rpartition("_")[0]
 
 
 def prior_sigma(name: str, given: Mapping[str, float] = {}) -> float:

@@ -12,9 +12,11 @@ import numpy as np
 from errormodel.arrays import FloatArray, freeze, readonly
 from sinscal.calibrate import RigCalibration
 from sinscal.consistency import Consistency, Nis
+from sinscal.effect_tests import EffectTests
 from sinscal.holdout import Shift
 from sinscal.judged import Calibration, Judged
 from sinscal.observability import Observability
+from sinscal.protection import MISSED
 from sinscal.rigdata import RigNoise
 from sinscal.run import NavRun, RigRun
 
@@ -90,6 +92,11 @@ def result_content(judged: Judged, run: RigRun | NavRun, told: Estimates) -> dic
         "consistency": consistency_document(judged.consistency),
         "observability": observability_document(judged.observability),
         "refused": _refused(judged),
+        "protection": protection_document(judged),
+        "drift": [
+            {"kind": d.kind, "family": d.family, "sigma": d.sigma, "tau_s": d.tau_s}
+            for d in judged.drifts
+        ],
         "warnings": judged.warnings,
     }
 
@@ -144,21 +151,14 @@ def consistency_document(c: Consistency) -> dict[str, Any]:
     return {
         **_nis(c.nis),
         "passed": c.passed,
-        "tests": {
-            "converged": c.converged,
-            "nis": c.nis.passed if c.noise_known else None,
-            "white": c.white,
-            "no_slow_drift": c.steady,
-            "within_bound": c.within_bound if c.bounded else None,
-            "held_out": c.repeats if c.held_out else None,
-            "prior": c.expected,
-        },
+        "tests": c.tests,
         "channels": {
             one.name: {**_nis(one.nis), "white_p": one.white_p, "slow_drift_p": one.slow_p}
             for one in c.channels
         },
         "bounded": _nis(c.bounded) if c.bounded else None,
         "prior": _shift(c.prior),
+        "effects": _effects(c.effects),
         "held_out": [
             {
                 "cycle": held.cycle + 1,
@@ -168,6 +168,41 @@ def consistency_document(c: Consistency) -> dict[str, Any]:
             }
             for held in c.held_out
         ],
+    }
+
+
+def _effects(tests: EffectTests | None) -> dict[str, Any] | None:
+    if tests is None:
+        return None
+    return {
+        one.name: {
+            "chi2": one.chi2,
+            "dof": one.dof,
+            "p_value": one.p_value,
+            "missing": one in tests.missing,
+            "sizes": dict(one.sizes),
+        }
+        for one in tests.tests
+    }
+
+
+def protection_document(judged: Judged) -> dict[str, Any] | None:
+    """Return the protection levels as the result file holds them, in the unit of the parameter."""
+    if judged.protection is None:
+        return None
+    return {
+        "missed": MISSED,
+        "parameters": {
+            name: {
+                "total": one.total,
+                "covariance": one.covariance,
+                "worst": one.worst,
+                "effects": dict(one.effects),
+            }
+            for name, one in judged.protection.items()
+        },
+        "limits": dict(judged.limits),
+        "exceeded": list(judged.unprotected),
     }
 
 

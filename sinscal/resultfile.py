@@ -18,7 +18,7 @@ from sinscal.judged import Judged
 from sinscal.observability import GAUGE
 from sinscal.priors import group_of
 from sinscal.resultcontent import MOUNT, result_content, rig_estimates
-from sinscal.rig_model_file import BiasStep
+from sinscal.rig_model_file import BiasDrift, BiasStep
 from sinscal.run import NavRun, RigRun
 from sinscal.sensors import SensorModel, sensor_model
 from sinscal.terms import BASIC
@@ -107,6 +107,8 @@ class ResultContent(_Part):
     consistency: dict[str, Any]
     observability: dict[str, Any]
     refused: dict[str, Any]
+    protection: dict[str, Any] | None = None
+    drift: tuple[dict[str, Any], ...] = ()
     warnings: tuple[str, ...]
 
     @model_validator(mode="after")
@@ -123,6 +125,7 @@ class RigResult(ResultContent):
     """RESULT.json of `accelbench rig calibrate`."""
 
     steps: tuple[BiasStep, ...] = ()
+    drifts: tuple[BiasDrift, ...] = ()
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
@@ -142,7 +145,7 @@ class RigResult(ResultContent):
         """The sensor model the values belong to."""
         return sensor_model(
             self.groups,
-            more=[step.maker for step in self.steps],
+            more=[one.maker for one in (*self.steps, *self.drifts)],
             t_ref_c=self.t_ref_c,
             gravity_m_s2=self.gravity_m_s2,
         )
@@ -160,7 +163,9 @@ def make_result(judged: Judged, run: RigRun | NavRun) -> RigResult:
     """Make the result file of a calibration."""
     found = judged.found
     content = result_content(judged, run, rig_estimates(found))
-    return signed(RigResult(groups=_groups(found.sensors), steps=judged.steps, **content))
+    return signed(
+        RigResult(groups=_groups(found.sensors), steps=judged.steps, drifts=judged.terms, **content)
+    )
 
 
 def signed(result: R) -> R:
@@ -171,6 +176,11 @@ def signed(result: R) -> R:
 def result_digest(result: ResultContent) -> str:
     """Return the digest of a result's content."""
     content = result.model_dump(mode="json", exclude={"result_id"})
+    # files made before these were known keep their digest
+    # files made before these were known keep their digest
+    for later in ("protection", "drift", "drifts"):
+        if not content.get(later):
+            content.pop(later, None)
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:16]
 
 

@@ -37,6 +37,8 @@ class RigEffect:
         What the recording must hold for it to show.
     step : str, optional
         The kind of sensor whose constant error jumps.
+    drift : str, optional
+        The kind of sensor whose constant error drifts slowly.
     """
 
     name: str
@@ -46,6 +48,7 @@ class RigEffect:
     follows: str
     needs: str = ""
     step: Kind | None = None
+    drift: Kind | None = None
 
     def recorded(self, run: RigRun, *, angle: bool) -> bool:
         """Tell whether a run holds what the effect needs to show."""
@@ -87,6 +90,12 @@ EFFECTS: tuple[RigEffect, ...] = (
         RATE,
     ),
     _of_group(
+        "accel_delay",
+        "The accelerometers' readings are later than the gyros'.",
+        "turn fast both ways: gravity is then seen turned by the rate times the delay",
+        RATE,
+    ),
+    _of_group(
         "gyro_g_sensitivity",
         "The gyros' drift changes with the specific force.",
         "turn slowly both ways about each axis in turn, so that gravity goes round in the body",
@@ -116,7 +125,7 @@ EFFECTS: tuple[RigEffect, ...] = (
     _of_group(
         "gyro_scale_asymmetry",
         "The gyros' scale factors differ between turning one way and the other.",
-        "turn about each axis at the same rates both ways, with the rig's angle recorded",
+        "turn about each axis at two rates or more, each both ways, with the rig's angle recorded",
         RATE,
     ),
     _of_group(
@@ -161,4 +170,21 @@ EFFECTS: tuple[RigEffect, ...] = (
         step="accel",
     ),
 )
-BY_NAME = {e.name: e for e in EFFECTS}
+# What a calibration is tested for beside them: drifts by any smooth course.
+DRIFTS: tuple[RigEffect, ...] = (
+    RigEffect(
+        name="gyro_bias_drift",
+        sentence="The constant errors of the gyros drift slowly.",
+        experiment="record the temperature, repeat the run, and make the cycles shorter",
+        follows=TIME,
+        drift="gyro",
+    ),
+    RigEffect(
+        name="accel_bias_drift",
+        sentence="The constant errors of the accelerometers drift slowly.",
+        experiment="record the temperature, repeat the run, and make the cycles shorter",
+        follows=TIME,
+        drift="accel",
+    ),
+)
+BY_NAME = {e.name: e for e in (*EFFECTS, *DRIFTS)}

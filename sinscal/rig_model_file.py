@@ -4,6 +4,7 @@ TOML. `groups` and `steps` are what the filter is to estimate in addition; `effe
 found of them, for people: a filter that started from it would use the same data twice.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Literal
@@ -13,7 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from errormodel.errors import InputError
 from errormodel.files import read_toml
 from sinscal.run import NavRun, RigRun
-from sinscal.terms import GROUPS, Kind, Maker, bias_step
+from sinscal.terms import GROUPS, Kind, Maker, bias_drift, bias_step
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 # Groups and effects of the platform's angle: without it there is nothing to see them in.
@@ -35,6 +36,20 @@ class BiasStep(_Part):
         """What makes its terms."""
         kind: Kind = self.kind
         return bias_step(kind, self.at_s)
+
+
+class BiasDrift(_Part):
+    """A drift of the constant errors over a run of `span_s`: even, or fading with `tau_s`."""
+
+    kind: Literal["gyro", "accel"]
+    tau_s: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
+    span_s: Annotated[float, Field(gt=0, allow_inf_nan=False)]
+
+    @property
+    def maker(self) -> Maker:
+        """What makes its terms."""
+        kind: Kind = self.kind
+        return bias_drift(kind, math.inf if self.tau_s is None else self.tau_s, self.span_s)
 
 
 class FoundValue(_Part):

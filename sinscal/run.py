@@ -128,6 +128,13 @@ class RigRun:
             now_s = begins[-1] + float(length)
         return tuple(begins)
 
+    @property
+    def length_s(self) -> float:
+        """Length of the run from its start to the end of its last cycle."""
+        last = self.cycles[-1]
+        length_s = self.time_s[last][-1] - self.time_s[last][0] + self.step_s[last][0]
+        return self.begin_of_cycle_s[-1] + float(length_s)
+
     def take_cycles(self, wanted: Sequence[int]) -> "RigRun":
         """Return some of the cycles as a run of their own, numbered anew."""
         slices = self.cycles

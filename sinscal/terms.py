@@ -164,6 +164,18 @@ def _lever_arm(c: ChannelId) -> Term:
     return _term(f"lever_arm_{c.letter}", sentence, parts)
 
 
+def _delay(c: ChannelId) -> Term:
+    name = f"accel_delay_{c.letter}"
+
+    def late(record: Record) -> FloatArray:
+        # gravity stands still: in the body it changes by f × ω
+        j, k = AXES[(c.axis + 1) % 3], AXES[(c.axis + 2) % 3]
+        return record[f"f_{k}"] * record[f"w_{j}"] - record[f"f_{j}"] * record[f"w_{k}"]
+
+    sentence = "The accelerometer's readings are later than the gyros'."
+    return _term(name, sentence, [(name, f"τ{c.letter}", "s", late)])
+
+
 def _warm(term: Term) -> Term:
     return replace(term, needs=frozenset(["x_c"]))
 
@@ -235,6 +247,7 @@ GROUPS: dict[str, tuple[tuple[Kind, ...], Maker]] = {
     "accel_misalignment": (("accel",), _misalignment),
     "accel_second_order": (("accel",), _second_order),
     "lever_arm": (("accel",), _lever_arm),
+    "accel_delay": (("accel",), _delay),
     "accel_temperature_bias": (("accel",), _temperature_bias),
     "accel_temperature_scale": (("accel",), _temperature_scale),
     TIME_OFFSET: (("angle",), _time_offset),
@@ -263,6 +276,32 @@ def bias_step(kind: Kind, at_s: float) -> Maker:
             return None
         name, unit = f"{kind}_bias_step_{c.letter}", "rad/s" if kind == "gyro" else "m/s²"
         term = _term(name, "The constant error jumped.", [(name, f"Δ{c.letter}", unit, after)])
+        return replace(term, needs=frozenset(["elapsed_s"]), predictive=False)
+
+    return make
+
+
+def fading(since_s: FloatArray, tau_s: float, span_s: float) -> FloatArray:
+    """Return a course that rises by one over a run: evenly, or fading with a time constant."""
+    inside = np.clip(since_s, 0.0, span_s)
+    if not np.isfinite(tau_s):
+        return inside / span_s
+    return np.expm1(-inside / tau_s) / np.expm1(-span_s / tau_s)
+
+
+def bias_drift(kind: Kind, tau_s: float, span_s: float) -> Maker:
+    """Return the maker of a drift of the constant error over a run, zero in its mean."""
+    share = tau_s / span_s
+    mean = 0.5 if not np.isfinite(tau_s) else -1.0 / np.expm1(-1.0 / share) - share
+
+    def course(record: Record) -> FloatArray:
+        return fading(record["elapsed_s"], tau_s, span_s) - mean
+
+    def make(c: ChannelId) -> Term | None:
+        if c.kind != kind:
+            return None
+        name, unit = f"{kind}_bias_drift_{c.letter}", "rad/s" if kind == "gyro" else "m/s²"
+        term = _term(name, "The constant error drifts.", [(name, f"δ{c.letter}", unit, course)])
         return replace(term, needs=frozenset(["elapsed_s"]), predictive=False)
 
     return make

@@ -29,7 +29,7 @@ from workbench.outputs import (
     with_sidecars,
 )
 from workbench.rig_calibrate_output import calibration_document, calibration_text
-from workbench.rig_options import asked_groups
+from workbench.rig_options import asked_groups, asked_limits
 from workbench.shell import show_warnings_at_once
 
 FAILED = 1
@@ -76,6 +76,9 @@ def _held(ctx: click.Context, param: click.Parameter, value: str) -> Held:
 @click.option("--t-ref-c", type=float, help="Reference temperature: --model's, else 25.")
 @click.option("--holdout", callback=_held, default=LAST, metavar="N|last|each|none",
               help="Cycle to judge by the others.")  # fmt: skip
+@click.option("--protect", multiple=True, metavar="GROUP=LIMIT",
+              help="Pass only with a protection level up to this, e.g. gyro_bias=0.05, in the unit "
+              "that the group is told in; repeatable.")  # fmt: skip
 @click.option("--out", type=Path, help="RESULT.json to write.")
 @click.option("--report", type=Path, help="Folder for the report and its figures.")
 @force_option
@@ -94,6 +97,7 @@ def calibrate(
     axis_wobble: float | None,
     t_ref_c: float | None,
     holdout: Held,
+    protect: tuple[str, ...],
     out: Path | None,
     report: Path | None,
     force: bool,
@@ -106,6 +110,7 @@ def calibrate(
     """
     inputs = [*with_sidecars(files), *(p for p in (priors, model) if p)]
     check_results(out, report, inputs, force=force)
+    limits = asked_limits(protect)
     larger = read_rig_model(model) if model else RigModelFile()
     mode = mode or larger.mode
     options = Options(
@@ -121,6 +126,7 @@ def calibrate(
         wobble=None if axis_wobble is None else axis_wobble * ARCSEC,
         t_ref_c=larger.t_ref_c if t_ref_c is None else t_ref_c,
         hold_out=holdout,
+        protect=limits,
     )
     run, judged = _calibrated(files, mode, options)
     result = make_result(judged, run)

@@ -14,6 +14,7 @@ from errormodel.errors import InputError
 from errormodel.files import read_text
 from sinscal.article import BEST, LITERAL, ArticleAnalysis, ArticleTables
 from sinscal.covariance import RigCovariance, rig_covariance
+from sinscal.plan_advice import Advice, plan_advice
 from sinscal.priors import PriorFile, make_prior, read_priors
 from sinscal.programme import article_programme
 from sinscal.recording import write_rig_run
@@ -195,6 +196,7 @@ def covariance(
         raise click.UsageError("--groups and --priors need a PROGRAMME.toml")
     check_results(None, report, [], force=force)
     modes = ("coarse", "precise") if mode == "both" else (mode,)
+    advice: dict[str, tuple[Advice, ...]] = {}
     tables, document, text = None, dict[str, Any](programme=str(programme)), list[RenderableType]()
     if programme is None:
         analysis = ArticleAnalysis()
@@ -203,12 +205,14 @@ def covariance(
         document, text = article_document(*tables), list(article_text(*tables))
     else:
         file, prior_file = read_rig_file(programme), read_priors(priors) if priors else None
-        found = {m: _analysed(file, m, groups, prior_file, programme) for m in modes}
-    document |= analysis_document(found)
-    text += analysis_text(found)
+        analysed = {m: _analysed(file, m, groups, prior_file, programme) for m in modes}
+        found = {m: one for m, (one, _) in analysed.items()}
+        advice = {m: told for m, (_, told) in analysed.items()}
+    document |= analysis_document(found, advice)
+    text += analysis_text(found, advice)
     if report is not None:
         title = "the article's programme" if programme is None else programme.name
-        _write_report(file, found, title, tables, report)
+        _write_report(file, found, advice, title, tables, report)
         document["report"] = str(report / REPORT_NAME)
         text.append(f"report: {report / REPORT_NAME}")
     emit(document, text, as_json=as_json)
@@ -217,31 +221,32 @@ def covariance(
 def _write_report(
     file: RigFile,
     found: Mapping[str, RigCovariance],
+    advice: Mapping[str, tuple[Advice, ...]],
     title: str,
     tables: tuple[ArticleTables, ArticleTables] | None,
     folder: Path,
 ) -> None:
     from workbench.rig_covariance_report import render_covariance  # matplotlib takes its second
 
-    pages = render_covariance(file, found, title=title, tables=tables)
+    pages = render_covariance(file, found, title=title, tables=tables, advice=advice)
     write_files([(folder / name, content) for name, content in pages.items()])
 
 
 def _analysed(
     file: RigFile, mode: str, groups: str | None, priors: PriorFile | None, source: Path
-) -> RigCovariance:
+) -> tuple[RigCovariance, tuple[Advice, ...]]:
     angle = mode == "precise"
     wanted = [g for g in _groups(groups) if angle or not g.startswith("rig_")]
     sensors = sensors_with(wanted, file, angle=angle)
+    prior, noise = make_prior(sensors, priors), file.noise.filtered
+    azimuth, warming = file.azimuth_sigma_rad, file.warming
     try:
-        return rig_covariance(
-            file,
-            sensors,
-            make_prior(sensors, priors),
-            file.noise.filtered,
-            angle=angle,
-            azimuth_sigma_rad=file.azimuth_sigma_rad,
-            warming=file.warming,
+        found = rig_covariance(
+            file, sensors, prior, noise, angle=angle, azimuth_sigma_rad=azimuth, warming=warming
         )
+        return found, plan_advice(
+            found, file, sensors, prior, noise, angle=angle, azimuth_sigma_rad=azimuth,
+            warming=warming,
+        )  # fmt: skip
     except ValueError as err:
         raise InputError(source, "cycles", str(err)) from None

@@ -10,6 +10,7 @@ from sinscal.attitude import angles_from_c_nb
 from sinscal.calibrate import RigCalibration
 from sinscal.integrate import attitudes
 from sinscal.judged import Judged
+from sinscal.priors import told_group
 from sinscal.resultfile import ResultContent
 from sinscal.rig_compensation import compensate_run
 from sinscal.run import AXES, NavRun, RigRun
@@ -23,7 +24,7 @@ from workbench.plotting import (
     picture,
     thinned,
 )
-from workbench.rig_calibrate_output import TOLD_IN, told_group
+from workbench.rig_calibrate_output import TOLD_IN
 
 ABREAST = 3
 SIGMAS = 3.0

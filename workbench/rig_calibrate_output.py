@@ -7,9 +7,9 @@ import numpy as np
 from rich.console import RenderableType
 
 from sinscal.earth import ARCMIN, DEG_PER_H
-from sinscal.priors import group_of
-from sinscal.resultcontent import MOUNT
+from sinscal.priors import told_group
 from sinscal.resultfile import ResultContent
+from sinscal.rig_effects import BY_NAME
 from workbench.console import number, table
 from workbench.fit_output import value_and_sigma
 
@@ -17,16 +17,21 @@ G = 9.80665
 # group: the unit it is told in, and how many SI units that is
 TOLD_IN: Mapping[str, tuple[str, float]] = {
     "gyro_bias": ("°/h", DEG_PER_H),
+    "gyro_bias_step": ("°/h", DEG_PER_H),
+    "gyro_bias_drift": ("°/h", DEG_PER_H),
     "gyro_scale": ("ppm", 1e-6),
     "gyro_misalignment": ("′", ARCMIN),
     "gyro_g_sensitivity": ("°/h/g", DEG_PER_H / G),
     "gyro_scale_asymmetry": ("ppm", 1e-6),
     "gyro_temperature_drift": ("°/h/°C", DEG_PER_H),
     "accel_bias": ("µg", 1e-6 * G),
+    "accel_bias_step": ("µg", 1e-6 * G),
+    "accel_bias_drift": ("µg", 1e-6 * G),
     "accel_scale": ("ppm", 1e-6),
     "accel_misalignment": ("′", ARCMIN),
     "accel_second_order": ("µg/g²", 1e-6 / G),
     "lever_arm": ("mm", 1e-3),
+    "accel_delay": ("ms", 1e-3),
     "accel_temperature_bias": ("µg/°C", 1e-6 * G),
     "accel_temperature_scale": ("ppm/°C", 1e-6),
     "rig_time_offset": ("ms", 1e-3),
@@ -34,6 +39,11 @@ TOLD_IN: Mapping[str, tuple[str, float]] = {
     "rig_angle_harmonic": ("″", ARCMIN / 60.0),
     "rig_angle_harmonic_2": ("″", ARCMIN / 60.0),
 }
+WELL_PROTECTED = 2.0  # times the noise's share: below it no effect is worth telling
+UNSEEN = (
+    "what no test sees and no level holds: the recorder's clock (1000 ppm fast is −1000 ppm in "
+    "every gyro scale), gravity that differs from the normal one, two effects that hide each other"
+)
 SHOWN = 10  # refused measurements in words
 TESTS = {
     "converged": "the iteration came to rest",
@@ -43,17 +53,9 @@ TESTS = {
     "within_bound": "what is only bounded is within its bound",
     "held_out": "a cycle held out agrees with the others",
     "prior": "the errors are no larger than expected beforehand",
+    "complete": "the innovations show no effect that the model lacks",
+    "no_contradiction": "nothing stated contradicts the run",
 }
-
-
-def told_group(name: str) -> str:
-    """Return the group of a parameter, the mounting's and the chamber's coefficients' included."""
-    if name.startswith(MOUNT):
-        return "rig_mount"
-    try:
-        return group_of(name)
-    except KeyError:  # a chamber's coefficient, by axis
-        return name.rpartition("_")[0]
 
 
 def calibration_document(result: ResultContent) -> dict[str, Any]:
@@ -65,11 +67,13 @@ def verdict(result: ResultContent) -> str:
     """Say in a line whether the calibration can be trusted."""
     tests: Mapping[str, bool | None] = result.consistency["tests"]
     failed = [TESTS[name] for name, ok in tests.items() if ok is False]
+    if not failed and result.protection and (exceeded := result.protection["exceeded"]):
+        return f"failed: protection level above the limit: {', '.join(exceeded)}"
     if not failed:
         not_made = [TESTS[name] for name, ok in tests.items() if ok is None]
         rest = f" (not tested: {'; '.join(not_made)})" if not_made else ""
         return f"passed: the calibration is consistent with its sigmas{rest}"
-    missing = {"nis", "white", "held_out", "converged"} & {
+    missing = {"nis", "white", "held_out", "complete", "converged"} & {
         n for n, ok in tests.items() if ok is False
     }
     asks = "; `accelbench discrepancy rig` looks for what the model lacks"
@@ -154,6 +158,43 @@ def observability_lines(result: ResultContent) -> Iterator[str]:
         yield f"and {len(o['correlated']) - SHOWN} more pairs above 0.9"
 
 
+def protection_lines(result: ResultContent) -> Iterator[str]:
+    """Tell the protection level of each group: how large, by what, and what would lower it."""
+    if not result.protection:
+        return
+    limits: Mapping[str, float] = result.protection["limits"]
+    for group, (name, one) in worst_levels(result).items():
+        unit, size = TOLD_IN.get(group, (result.parameters[name].unit, 1.0))
+        line = (
+            f"protection level of {group}: {number(one['total'] / size, 2)} {unit}, "
+            f"{number(one['covariance'] / size, 2)} of it noise"
+        )
+        if one["total"] > WELL_PROTECTED * one["covariance"]:
+            line += f"; most by {one['worst']}: {remedy(one['worst'])}"
+        if group in limits:
+            over = "above" if group in result.protection["exceeded"] else "within"
+            line += f" ({over} the limit of {number(limits[group] / size, 3)} {unit})"
+        yield line
+    yield UNSEEN
+
+
+def worst_levels(result: ResultContent) -> dict[str, tuple[str, Mapping[str, Any]]]:
+    """Return by group the parameter of the largest protection level, and that level."""
+    out: dict[str, tuple[str, Mapping[str, Any]]] = {}
+    levels: Mapping[str, Any] = result.protection["parameters"] if result.protection else {}
+    for name, one in levels.items():
+        group = told_group(name)
+        if group not in out or one["total"] > out[group][1]["total"]:
+            out[group] = (name, one)
+    return out
+
+
+def remedy(effect: str) -> str:
+    """Return what would make an effect show, or keep it from doing harm."""
+    known = BY_NAME[effect]
+    return known.experiment + (f", or --groups {effect}" if known.groups else "")
+
+
 COLUMNS = ("parameter", "unit", "value ± 1 σ", "prior σ", "σ / prior")
 
 
@@ -180,6 +221,7 @@ def calibration_text(result: ResultContent) -> Iterator[RenderableType]:
 def judgement_lines(result: ResultContent) -> Iterator[str]:
     """Tell how far a calibration can be trusted: its tests, what it shows, its warnings."""
     yield from sentences(result)
+    yield from protection_lines(result)
     yield from observability_lines(result)
     for warning in result.warnings:
         yield f"warning: {warning}"

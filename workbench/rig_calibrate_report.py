@@ -11,6 +11,7 @@ from workbench.rig_calibrate_output import (
     COLUMNS,
     observability_lines,
     parameter_rows,
+    protection_lines,
     sentences,
     verdict,
 )
@@ -50,6 +51,7 @@ def calibration_sections(
             words=(0, 1),
             pictures=(drawn,),
         ),
+        *_protection(result),
         Section(title="What the data show", points=tuple(observability_lines(result))),
         Section(title="Pictures", pictures=tuple(others)),
         _refused(result),
@@ -59,6 +61,16 @@ def calibration_sections(
             points=(result.formula, result.signs, result.axes, result.units, result.gauge),
         ),
     )
+
+
+def _protection(result: ResultContent) -> tuple[Section, ...]:
+    points = tuple(protection_lines(result))
+    said = (
+        "The largest error that an effect missing from the model may cause while the tests stay "
+        "quiet, with probability 99 %, and three sigmas of the estimate; of each group the worst "
+        "parameter."
+    )
+    return (Section(title="Protection levels", lines=(said,), points=points),) if points else ()
 
 
 def _warnings(result: ResultContent) -> Section:

@@ -1,6 +1,6 @@
 """A covariance analysis told: as the JSON of `accelbench rig covariance`, and in words."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,8 +10,10 @@ from errormodel.arrays import FloatArray
 from sinscal.article import ArticleTables, Reading, Table
 from sinscal.budget import error_budget
 from sinscal.covariance import RigCovariance
-from sinscal.priors import group_of
+from sinscal.plan_advice import Advice
+from sinscal.priors import group_of, told_group
 from workbench.console import number, table
+from workbench.rig_calibrate_output import TOLD_IN
 
 CORRELATED = 0.9
 NOT_SEEN = 0.9  # of the prior sigma is left: the programme tells nothing of it
@@ -57,9 +59,14 @@ def _reading(made: ArticleTables) -> dict[str, Any]:
     }
 
 
-def analysis_document(found: Mapping[str, RigCovariance]) -> dict[str, Any]:
+def analysis_document(
+    found: Mapping[str, RigCovariance], advice: Mapping[str, Sequence[Advice]]
+) -> dict[str, Any]:
     """Return each mode's result under its name; with one mode also its names and covariance."""
-    document: dict[str, Any] = {mode: _mode(one) for mode, one in found.items()}
+    document: dict[str, Any] = {
+        mode: {**_mode(one), "advice": [_advised(a) for a in advice.get(mode, ())]}
+        for mode, one in found.items()
+    }
     if len(found) == 1:
         (one,) = document.values()
         document |= {"names": one["names"], "covariance": one["covariance"]}
@@ -82,6 +89,17 @@ def _mode(one: RigCovariance) -> dict[str, Any]:
         },
         "correlated": [{"names": [a, b], "correlation": value} for a, b, value in correlated(one)],
         "not_seen": list(not_seen(one)),
+    }
+
+
+def _advised(one: Advice) -> dict[str, Any]:
+    return {
+        "change": one.change,
+        "parameter": one.name,
+        "sigma_before": one.before,
+        "sigma_after": one.after,
+        "factor": one.factor,
+        "other_groups": list(one.others),
     }
 
 
@@ -174,7 +192,9 @@ def assumed(best: ArticleTables, literal: ArticleTables) -> Iterator[str]:
         yield f"{what} (ratios off by a factor of {size:.3g} rms): {' '.join(made.reading.words)}"
 
 
-def analysis_text(found: Mapping[str, RigCovariance]) -> Iterator[RenderableType]:
+def analysis_text(
+    found: Mapping[str, RigCovariance], advice: Mapping[str, Sequence[Advice]]
+) -> Iterator[RenderableType]:
     """Tell each mode's sigmas."""
     for mode, one in found.items():
         yield HEADINGS[mode]
@@ -184,7 +204,7 @@ def analysis_text(found: Mapping[str, RigCovariance]) -> Iterator[RenderableType
         for row in sigma_rows(one):
             made.add_row(*row)
         yield made
-        yield from remarks(one)
+        yield from remarks(one, advice.get(mode, ()))
         yield ""
 
 
@@ -199,8 +219,15 @@ def sigma_rows(one: RigCovariance) -> Iterator[tuple[str, ...]]:
         yield name, number(float(sigma), 3), number(float(prior), 3), units[name], told
 
 
-def remarks(one: RigCovariance) -> Iterator[str]:
-    """Say what the programme does not show, and what it does not tell apart."""
+def remarks(one: RigCovariance, advice: Sequence[Advice]) -> Iterator[str]:
+    """Say what would make the programme better, what it does not show and does not tell apart."""
+    for a in advice:
+        unit, size = TOLD_IN[told_group(a.name)]
+        more = f"; {', '.join(a.others)} gain as well" if a.others else ""
+        yield (
+            f"With {a.change} {a.name} would be {number(a.factor, 2)} times better, "
+            f"{number(a.after / size, 2)} instead of {number(a.before / size, 2)} {unit}{more}."
+        )
     if unseen := list(not_seen(one)):
         yield f"Hardly seen (more than 90 % of the prior sigma is left): {', '.join(unseen)}."
     for a, b, value in correlated(one):

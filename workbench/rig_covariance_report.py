@@ -1,9 +1,10 @@
 """The report of a covariance analysis: one HTML file and its pictures."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 
 from sinscal.article import ArticleTables
 from sinscal.covariance import RigCovariance
+from sinscal.plan_advice import Advice
 from sinscal.rigfile import RigFile
 from workbench.figures_rig import draw_budget, draw_correlations, draw_programme, draw_sigmas
 from workbench.outputs import REPORT_NAME
@@ -33,6 +34,7 @@ def render_covariance(
     *,
     title: str,
     tables: tuple[ArticleTables, ArticleTables] | None = None,
+    advice: Mapping[str, Sequence[Advice]] | None = None,
 ) -> dict[str, bytes]:
     """Return the report's files by name, without writing any.
 
@@ -46,10 +48,12 @@ def render_covariance(
         What was analysed.
     tables : pair of ArticleTables, optional
         The article's, under the reading that fits best and to the letter.
+    advice : mapping of str to sequence of Advice, optional
+        By mode.
     """
     sections = [*(_article(*tables) if tables else ()), _programme(file)]
     for mode, one in found.items():
-        sections += _mode(mode, one)
+        sections += _mode(mode, one, (advice or {}).get(mode, ()))
     sections.append(Section(title="Conventions", points=CONVENTIONS))
     page = Page(title=f"Covariance analysis of {title:.120}", sections=tuple(sections))
     return render_page(page, REPORT_NAME)
@@ -73,11 +77,11 @@ def _programme(file: RigFile) -> Section:
     return Section(title="Programme", lines=(line,), pictures=(draw_programme(file),))
 
 
-def _mode(mode: str, one: RigCovariance) -> Iterator[Section]:
+def _mode(mode: str, one: RigCovariance, advice: Sequence[Advice]) -> Iterator[Section]:
     columns = ("parameter", "sigma", "sigma before", "unit", "mainly from")
     yield Section(
         title=HEADINGS[mode],
-        points=tuple(remarks(one)),
+        points=tuple(remarks(one, advice)),
         table=ReportTable(title="", columns=columns, rows=tuple(sigma_rows(one))),
         words=(0, 3, 4),
         pictures=(draw_sigmas(one, mode), draw_budget(one, mode), draw_correlations(one, mode)),

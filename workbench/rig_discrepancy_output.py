@@ -11,11 +11,12 @@ from sinscal.discrepancy import RigDiscrepancy
 from sinscal.discrepancy_holdout import CycleGap
 from sinscal.discrepancy_noise import MeasuredNoise
 from sinscal.earth import ARCSEC, DEG_PER_H
+from sinscal.priors import told_group
 from sinscal.rig_model_file import BiasStep, FoundValue, RigModelFile
 from workbench.console import number, table
 from workbench.discrepancy_output import VERDICT_WORDS, conclusion_document, rival_lines
 from workbench.fit_output import value_and_sigma
-from workbench.rig_calibrate_output import TOLD_IN, told_group
+from workbench.rig_calibrate_output import TOLD_IN
 
 
 def where_words(d: RigDiscrepancy) -> str:
@@ -59,6 +60,15 @@ def rig_document(d: RigDiscrepancy) -> dict[str, Any]:
         "smallest_nameable": {
             n: {"value": v, "unit": u} for n, (v, u) in d.smallest_nameable.items()
         },
+        "drift": {
+            "kind": d.drift.kind,
+            "family": d.drift.family,
+            "size_si": d.drift.sigma,
+            "tau_s": d.drift.tau_s,
+            "text": d.drift.sentence,
+        }
+        if d.drift
+        else None,
         "next_experiment": {"text": d.experiment} if d.experiment else None,
         "noise": {
             n.sensors: {
@@ -85,6 +95,9 @@ def rig_lines(d: RigDiscrepancy) -> Iterator[str]:
         strength, p = number(e.strength_d, 3), number(e.p_value, 2)
         yield f"{e.effect.name}: {e.effect.sentence} Strength {strength}, p {p}."
     yield from rival_lines(d)
+    if d.drift:
+        told = d.drift.sentence
+        yield f"{told[0].upper()}{told[1:]}: they walk, or warmth that is not recorded moves them."
     before, after, floor = (rms_of_forces(v) for v in (d.rms_before, d.rms_after, d.floor))
     yield (
         f"Innovations of the forces {number(before, 3)} m/s² rms with the present model, "

@@ -4,12 +4,13 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from sinscal.discrepancy import RigDiscrepancy
+from sinscal.priors import told_group
 from sinscal.run import RigRun
 from workbench.console import number
 from workbench.discrepancy_output import VERDICT_WORDS
 from workbench.discrepancy_page import VerdictPage, render_verdicts
 from workbench.figures_rig_discrepancy import draw_cycles, draw_innovations
-from workbench.rig_calibrate_output import TOLD_IN, told_group
+from workbench.rig_calibrate_output import TOLD_IN
 from workbench.rig_discrepancy_output import rig_lines, told_noise, told_parameters
 
 CONVENTIONS = (

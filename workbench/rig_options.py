@@ -1,8 +1,11 @@
 """Options that several commands of the rig share."""
 
+import math
+
 import click
 
 from sinscal.terms import GROUPS
+from workbench.rig_calibrate_output import TOLD_IN
 
 
 def asked_groups(asked: tuple[str, ...]) -> tuple[str, ...]:
@@ -13,3 +16,21 @@ def asked_groups(asked: tuple[str, ...]) -> tuple[str, ...]:
             known = ", ".join(GROUPS)
             raise click.UsageError(f"--groups {name}: expected one of {known}")
     return names
+
+
+def asked_limits(asked: tuple[str, ...]) -> dict[str, float]:
+    """Return the limits of protection levels asked for as GROUP=LIMIT, by group, SI."""
+    limits: dict[str, float] = {}
+    for one in asked:
+        group, _, said = one.partition("=")
+        if group not in TOLD_IN:
+            raise click.UsageError(f"--protect {one}: expected one of {', '.join(TOLD_IN)}")
+        unit, size = TOLD_IN[group]
+        try:
+            limit = float(said)
+        except ValueError:
+            limit = math.nan
+        if not 0.0 < limit < math.inf:
+            raise click.UsageError(f"--protect {one}: expected {group}=LIMIT, > 0, in {unit}")
+        limits[group] = limit * size
+    return limits

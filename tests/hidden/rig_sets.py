@@ -27,6 +27,7 @@ MODES = ("precise", "coarse")
 AXES_PAIRS = [f"{a}{b}" for a in "xyz" for b in "xyz"]
 PARTS: dict[str, tuple[list[str], str]] = {
     "lever_arm": ([f"lever_arm_{p[0]}_{p[1]}" for p in AXES_PAIRS], "m"),
+    "accel_delay": ([f"accel_delay_{a}" for a in "xyz"], "s"),
     "gyro_g_sensitivity": ([f"gyro_g_sensitivity_{p}" for p in AXES_PAIRS], "rad/s/(m/s²)"),
     "rig_time_offset": (["rig_time_offset"], "s"),
     "rig_mount": ([f"rig_mount_{a}" for a in "xyz"], "rad"),

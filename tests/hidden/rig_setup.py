@@ -26,6 +26,7 @@ PRIOR = {
 # A middling size of each hidden effect: what one part of a real instrument would have.
 EFFECTS: dict[str, dict[str, float]] = {
     "lever_arm": {"lever_arm_x_x": 0.04, "lever_arm_y_y": -0.05, "lever_arm_z_x": 0.06},
+    "accel_delay": {f"accel_delay_{a}": 0.001 for a in AXES},
     "gyro_g_sensitivity": {"gyro_g_sensitivity_xy": 1 * DEG_H / G},
     "rig_time_offset": {"rig_time_offset": 0.02},
     "rig_mount": {"rig_mount_x": 0.004, "rig_mount_y": -0.006, "rig_mount_z": 0.003},

@@ -89,7 +89,15 @@ def measured(truth: Truth, motion: Motion, t: Floats, x: Floats) -> tuple[Floats
         + np.where(t >= truth.one("accel_bias_step_at_s"), 1.0, 0.0)[:, None]
         * truth.vec("accel_bias_step")
     )
-    return gyro, accel
+    return gyro, delayed(accel, t, truth.vec("accel_delay"))
+
+
+def delayed(values: Floats, t: Floats, by_s: Floats) -> Floats:
+    """Return columns each of which is late by its own time."""
+    if not by_s.any():
+        return values
+    late = [np.interp(t - s, t, column) for s, column in zip(by_s, values.T, strict=True)]
+    return np.column_stack(late)
 
 
 def temperatures(setup: Setup, t: Floats) -> Floats:

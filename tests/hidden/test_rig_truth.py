@@ -203,4 +203,4 @@ def test_all_rig_effects_of_the_contract_can_be_hidden(tmp_path: Path) -> None:
         key = write_rig_run(tmp_path / "r.csv", seed=1, setup=set_up, effects=[name])
         assert key["effects"] == [name]
         assert set(EFFECTS[name]) <= set(key["parameters"])  # type: ignore[arg-type]
-    assert len(EFFECTS) == 12
+    assert len(EFFECTS) == 13

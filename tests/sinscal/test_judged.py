@@ -9,6 +9,7 @@ from scipy.stats import chi2
 from errormodel.errors import InputError
 from sinscal.earth import Site
 from sinscal.judged import Options, calibrate_and_judge
+from sinscal.rigdata import RigNoise
 from sinscal.run_join import join_runs
 from tests.sinscal.twin import make_twin
 
@@ -74,6 +75,22 @@ def test_noise_that_is_not_as_stated_is_named(factor: float) -> None:
     judged = calibrate_and_judge(replace(run, facts=facts), QUICK)
     assert "noise_contradiction" in names_of(judged.warnings)
     assert not judged.passed
+
+
+@pytest.mark.parametrize("factor", [1.25, 0.8])
+def test_noise_that_is_stated_a_little_wrong_is_measured(factor: float) -> None:
+    run = make_twin(1, cycle_s=400.0).run
+    accel, gyro = run.facts.accel_noise, run.facts.gyro_noise
+    assert accel is not None
+    assert gyro is not None
+    facts = replace(run.facts, accel_noise=factor * accel, gyro_noise=factor * gyro)
+    judged = calibrate_and_judge(replace(run, facts=facts), Options())
+    assert judged.passed
+    assert names_of(judged.warnings) == {"noise_misstated"}
+    # third differences know a density to some 2 %
+    assert isinstance(judged.found.noise, RigNoise)
+    assert abs(judged.found.noise.accel / accel - 1.0) < 0.06
+    assert abs(judged.found.noise.gyro / gyro - 1.0) < 0.08
 
 
 def test_a_latitude_that_is_not_the_rig_s_does_not_pass_unseen() -> None:

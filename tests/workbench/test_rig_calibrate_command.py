@@ -75,9 +75,33 @@ def test_a_calibration_that_fails_ends_with_1_and_says_why(
     assert any("noise_contradiction" in w for w in json.loads(told.stdout)["warnings"])
 
 
+def test_a_protection_level_above_its_limit_ends_with_1_and_says_what_to_add(
+    recorded: tuple[Path, Twin],
+) -> None:
+    path, _ = recorded
+    words = (path, "--holdout", "none", "--protect", "gyro_bias=0.001")
+    told = run(calibrate, *words, "--protect", "accel_misalignment=60")
+    assert told.return_value == 1
+    assert "failed: protection level above the limit: gyro_bias" in told.stdout
+    line = next(x for x in told.stdout.splitlines() if "protection level of gyro_bias" in x)
+    assert "above the limit of 0.001 °/h" in line
+    assert "--groups gyro_scale_asymmetry" in line or "record the temperature" in line
+    document = json.loads(run(calibrate, *words, "--json").stdout)
+    assert document["consistency"]["passed"] is True  # the tests themselves are quiet
+    assert document["protection"]["exceeded"] == ["gyro_bias"]
+    one = document["protection"]["parameters"]["gyro_bias_x"]
+    assert one["total"] == pytest.approx(one["covariance"] + one["effects"][one["worst"]])
+    wide = run(calibrate, path, "--holdout", "none", "--protect", "accel_misalignment=60")
+    assert wide.return_value == 0
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [
+        (("--protect", "gyro_bias"), "expected gyro_bias=LIMIT, > 0, in °/h"),
+        (("--protect", "gyro_bias=-1"), "expected gyro_bias=LIMIT, > 0, in °/h"),
+        (("--protect", "bias=1"), "expected one of gyro_bias"),
+        (("--protect", "lever_arm=1"), "not estimated; add it by --groups"),
         (("--groups", "lever"), "expected one of gyro_bias"),
         (("--groups", "accel_temperature_bias"), "temp_c"),
         (("--priors", "nowhere.toml"), "nowhere.toml"),
