@@ -89,8 +89,10 @@ def longest_increasing(values: FloatArray) -> BoolArray:
         if at == len(tails):
             tails.append(value)
             ends.append(i)
-        else:
+        elif value < tails[at]:  # of equal values the first stays
             tails[at], ends[at] = value, i
+        else:
+            continue
         before[i] = ends[at - 1] if at else -1
     keep = np.zeros(len(values), dtype=np.bool_)
     i = ends[-1] if ends else -1

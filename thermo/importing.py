@@ -176,23 +176,42 @@ def _placeable(rows: Log, times: _Times, mapping: LogMap) -> tuple[Log, _Times]:
         for run in dict.fromkeys(run_of.tolist()):
             mine = np.flatnonzero(run_of == run)
             keep[mine] = longest_increasing(value[mine])
-    left = np.flatnonzero(~keep)
-    if len(left):
-        cells = rows.cells(mapping.time.column)
-        shown = [f"line {rows.lines[i]} ({cells[i]!r:.40})" for i in left[:3].tolist()]
+    if not keep.all():
         if mapping.on_bad_row == "error":
-            i = int(left[0])
-            what = "is no time" if np.isnan(value[i]) else "is not in order with those around it"
-            problem = f'time {cells[i]!r:.60} {what}; on_bad_row = "flag" leaves such rows out'
-            raise InputError(rows.path, f"line {rows.lines[i]}", problem)
-        log.warning(
-            "%s: %d rows left out, time missing or out of order: %s%s", rows.path, len(left),
-            ", ".join(shown), " …" if len(left) > len(shown) else "",
-        )  # fmt: skip
+            raise _first_fault(rows, value, mapping)
+        _tell_left_out(rows, np.flatnonzero(~keep), mapping)
     if not keep.any():
         raise InputError(rows.path, "", "no row has a time")
     kept = [v for v, k in zip(times.values, keep.tolist(), strict=True) if k]
     return rows.take(keep), _Times(kept, times.unit_s, times.zone_known)
+
+
+def _first_fault(rows: Log, value: FloatArray, mapping: LogMap) -> InputError:
+    """Return the complaint about the first row without a time or out of order."""
+    run_of, cells = _run_cells(rows, mapping), rows.cells(mapping.time.column)
+    last: dict[str, int] = {}
+    for i, run in enumerate(run_of):
+        before = last.get(run)
+        if np.isnan(value[i]) or (before is not None and value[i] <= value[before]):
+            what = "is no time" if before is None or np.isnan(value[i]) else (
+                f"is not after {cells[before]} of line {rows.lines[before]}"
+            )  # fmt: skip
+            problem = f'time {cells[i]!r:.60} {what}; on_bad_row = "flag" leaves such rows out'
+            return InputError(rows.path, f"line {rows.lines[i]}", problem)
+        last[run] = i
+    raise AssertionError("called for a log without a fault")
+
+
+def _tell_left_out(rows: Log, left: IntArray, mapping: LogMap) -> None:
+    cells = rows.cells(mapping.time.column)
+    shown = [f"line {rows.lines[i]} ({cells[i]!r:.40})" for i in left[:3].tolist()]
+    log.warning(
+        "%s: %d rows left out, time missing or out of order: %s%s",
+        rows.path,
+        len(left),
+        ", ".join(shown),
+        " …" if len(left) > len(shown) else "",
+    )
 
 
 def _least(values: list[int | float | None]) -> int | float:

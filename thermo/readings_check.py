@@ -125,6 +125,8 @@ def _flat(one: _Series) -> dict[int, str]:
     """Find outputs or temperatures that repeat their digits although they cannot be constant."""
     found: dict[int, str] = {}
     for first, last in _runs_of_equal(one.output, _usual_repeats(one.output, one.place)):
+        if last - first + 1 == len(one.rows):
+            continue  # nothing else is there to judge it by; whoever uses it says so
         inputs = len(np.unique(one.place[first : last + 1]))
         if inputs > 1 or (one.a_g is None and _moved_c(one, first, last) > 1.0):
             found |= {int(row): "flat_line" for row in one.rows[first + 1 : last + 1]}

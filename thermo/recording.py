@@ -98,7 +98,9 @@ class Sidecar(BaseModel):
         )
 
 
-def read_runs(paths: Sequence[Path | str], *, trust_units: bool = False) -> RecordedRuns:
+def read_runs(
+    paths: Sequence[Path | str], *, checked: bool = True, trust_units: bool = False
+) -> RecordedRuns:
     """Read recorded runs from CSV or Parquet files (`*.parquet`, `*.pq`) and join them.
 
     Each file has its sidecar NAME.toml beside it; unit, gravity and scale may differ from file to
@@ -108,6 +110,8 @@ def read_runs(paths: Sequence[Path | str], *, trust_units: bool = False) -> Reco
     ----------
     paths : sequence of path
         The files, in any order.
+    checked : bool
+        Whether readings, units and copies are judged; False gives what the files hold.
     trust_units : bool
         Whether units and signs are taken as stated, however unlikely.
 
@@ -126,7 +130,9 @@ def read_runs(paths: Sequence[Path | str], *, trust_units: bool = False) -> Reco
     """
     if not paths:
         raise InputError("recorded runs", "", "no file given, expected at least one")
-    record = join_runs([_read_one(Path(path)) for path in paths])
+    record = join_runs([_read_one(Path(path), checked=checked) for path in paths])
+    if not checked:
+        return record
     refuse_copies(record)
     doubts = () if trust_units else unit_complaints(record)
     if doubts:
@@ -220,7 +226,7 @@ def make_runs(
     return build(table, sidecar.scale, sidecar.run_start_utc, sidecar.mount_deg)
 
 
-def _read_one(path: Path) -> RecordedRuns:
+def _read_one(path: Path, *, checked: bool) -> RecordedRuns:
     if not path.is_file():
         raise InputError(path, "", "no such file")
     side = sidecar_path(path)
@@ -236,7 +242,7 @@ def _read_one(path: Path) -> RecordedRuns:
     text = {name: Labels(codes, names) for name, (codes, names) in raw.text.items()}
     table = Table(text, raw.number, raw.source, raw.place)
     record = build(table, sidecar.scale, sidecar.run_start_utc, sidecar.mount_deg)
-    return flag_readings(record, raw.place)
+    return flag_readings(record, raw.place) if checked else record
 
 
 def join_runs(parts: Sequence[RecordedRuns]) -> RecordedRuns:

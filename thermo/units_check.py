@@ -15,6 +15,7 @@ from thermo.recording_model import RecordedRuns
 
 SCALE_RANGE = (0.5, 2.0)  # of nominal; no accelerometer is made so badly
 LEAST_INPUT_G = 0.5  # of span: less tells no scale
+LEAST_FOLLOWING = 0.05  # of nominal: less is no wrong unit but no accelerometer, unless it follows
 SAMPLE = 5000
 FULL_TURN_RAD = 6.4
 RADIANS_FIT_BETTER = 0.2  # of the residual that degrees leave
@@ -123,7 +124,17 @@ def _scale(part: RecordedRuns) -> Iterator[str]:
             f"expected {own[unit]:g}"
         )
     elif ratio is not None and not SCALE_RANGE[0] <= ratio <= SCALE_RANGE[1]:
-        yield _guess(part, ratio, scale.gravity_m_s2)
+        if abs(ratio) < LEAST_FOLLOWING and not _follows(part):
+            yield "the output does not follow the positions, expected an accelerometer's"
+        else:
+            yield _guess(part, ratio, scale.gravity_m_s2)
+
+
+def _follows(part: RecordedRuns) -> bool:
+    """Tell whether the input explains most of the output."""
+    rows = part.good & ~np.isnan(part.output)
+    output, a_i = part.output[rows], part.specific_force_g[rows, 0]
+    return bool(np.ptp(output) > 0 and abs(np.corrcoef(a_i, output)[0, 1]) > 0.5)
 
 
 def scale_ratio(part: RecordedRuns) -> float | None:
@@ -148,16 +159,18 @@ def _guess(part: RecordedRuns, ratio: float, gravity_m_s2: float) -> str:
             "the output jumps by a power of two where the input changes its sign: are signed "
             "counts written as unsigned? import with signed = true and bits"
         )
-    what = f"the output changes by {ratio:.4g} times nominal_scale for a g"
+    stated = next(iter(part.scales.values()))
+    found = f"{ratio * stated.nominal_scale:.3g} {stated.output_unit}/g"
+    what = f"the output is {found}, the sidecar's nominal_scale says {stated.nominal_scale:g}"
     if ratio < 0:
-        return f"{what}: is it wired or mounted the other way round (negative nominal_scale)?"
+        return f"{what}: is it wired or mounted the other way round?"
     for factor, words in SI_PREFIXES.items():
         if 0.5 < ratio / factor < 2:
             return f"{what}: is output_unit or nominal_scale {words} of what it should be?"
     for factor in (gravity_m_s2, 1 / gravity_m_s2):
         if 0.8 < ratio / factor < 1.25:
             return f"{what}: is one of them in g and the other in m/s²?"
-    return f"{what}: expected {SCALE_RANGE[0]:g} to {SCALE_RANGE[1]:g}"
+    return f"{what}; expected {SCALE_RANGE[0]:g} to {SCALE_RANGE[1]:g} times that"
 
 
 def _is_unsigned(part: RecordedRuns) -> bool:
