@@ -24,7 +24,8 @@ PROFILES = 40
 PROFILE_NAME = "ACCELBENCH"  # ten characters is what a name has room for
 LONGEST_STEP_S = 99 * 3600 + 59 * 60 + 59
 RATE_ERROR_WORTH_TELLING = 0.005
-_RUNNING = ("running", "paused")
+_VERBS = {"running": "runs", "paused": "is paused"}
+_RUNNING = tuple(_VERBS)
 
 
 class WatlowF4(ModbusChamber):
@@ -36,6 +37,23 @@ class WatlowF4(ModbusChamber):
     """
 
     _profile_number = 0  # not looked for yet
+    _ramp_to_c: float | None = None  # where the profile of the workbench goes, the last command
+
+    # ---- recognising it
+
+    def _read_scale(self) -> dict[str, float | str]:
+        units, decimals = self._get_proof("units"), self._get_proof("decimals")
+        if self._map["units"].name_of(units) != "celsius":
+            works = "works in °F" if units == 0.0 else f"shows unit {units:g} at 901"
+            raise self._not_recognised(f"the controller {works}, set it to °C")
+        if decimals != self._config.decimals:
+            raise self._not_recognised(
+                f"the controller shows {decimals:g} decimals, "
+                f"expected {self._config.decimals} as in the station file"
+            )
+        return {"units": "celsius", "decimals": decimals}
+
+    # ---- driving it
 
     def read_setpoint_c(self) -> float:
         """Read the set point the loop follows now, °C: the profile's while one runs."""
@@ -47,6 +65,7 @@ class WatlowF4(ModbusChamber):
         return None  # outside of profiles the sources know the static set point only
 
     def _hold(self, temp_c: float) -> None:
+        self._ramp_to_c = None
         self._set("setpoint", temp_c)
 
     def _ramp(self, start_c: float, temp_c: float, rate_c_per_min: float) -> None:
@@ -69,6 +88,7 @@ class WatlowF4(ModbusChamber):
         self._set("step", 2)
         self._set("end_mode", "hold")
         self._start()
+        self._ramp_to_c = temp_c
 
     def _step_of(self, distance_c: float, rate_c_per_min: float) -> tuple[int, int, int, int]:
         """Return h, m, s of a ramp-time step, or 0, 0, 0 and the tenths of a ramp-rate step."""
@@ -194,9 +214,44 @@ class WatlowF4(ModbusChamber):
     def _own_alarms(self) -> Sequence[str]:
         return ()  # the sources give no alarm registers; input error and temperature are judged
 
+    def _occupation(self) -> Sequence[str]:
+        state = self._state("state")
+        if state not in _RUNNING or (self._is_own() and state == "running"):
+            return ()
+        setpoint_c = self._get("profile_setpoint")
+        return (f"{self._running_profile()} {_VERBS[state]}, set point {setpoint_c:g} °C",)
+
+    def _foreign_changes(self) -> list[str]:
+        """Compare by what the ramp is doing: the static set point waits while its profile runs."""
+        target_c, state = self._ramp_to_c, self._state("state")
+        if state in _RUNNING:
+            if target_c is None or not self._is_own():
+                own = "none" if target_c is None else f"profile {self._profile_number}"
+                return [f"{self._running_profile()} {_VERBS[state]}, {own} commanded"]
+            return ["profile is paused, commanded running"] if state == "paused" else []
+        if target_c is None:
+            return super()._foreign_changes()
+        held_c = self._get("setpoint")  # the end of the ramp has become the static set point
+        if self._same(self._map["setpoint"], held_c, target_c):
+            return []
+        return [f"{self._phrase('setpoint', held_c)}, {self._told('setpoint', target_c)}"]
+
+    def _is_own(self) -> bool:
+        """Tell whether the profile that runs can be the one this driver started."""
+        number = self._get_optional("current_profile")
+        return self._ramp_to_c is not None and number in (None, self._profile_number)
+
+    def _running_profile(self) -> str:
+        number = self._get_optional("current_profile")
+        return "profile" if number is None else f"profile {number:g}"
+
     def _safe_steps(self, temp_c: float) -> Sequence[SafeStep]:
         return (
             ("set point to come", lambda: self._set_safe_temp(temp_c)),
             ("end profile", self._end_profile),
-            ("set point", lambda: self._set_safe_temp(temp_c)),
+            ("set point", lambda: self._hold_safe(temp_c)),
         )
+
+    def _hold_safe(self, temp_c: float) -> str:
+        self._ramp_to_c = None
+        return self._set_safe_temp(temp_c)

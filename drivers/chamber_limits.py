@@ -4,7 +4,7 @@ import logging
 import math
 
 from drivers.devices import Range
-from drivers.errors import DeviceError, LimitError
+from drivers.errors import LimitError, RecognitionError
 from drivers.registers import RegisterMap
 from drivers.station import ChamberConfig
 
@@ -27,6 +27,7 @@ class ChamberLimits:
     def __init__(self, config: ChamberConfig, register_map: RegisterMap, *, name: str) -> None:
         self._name = name
         self._wanted = config.limits_c
+        self._safe_temp_c = config.safe_temp_c
         self._step = register_map.ramp_rate_step_c_per_min
         lo, hi = config.rate_limits_c_per_min
         self.temp_c = Range(lo=self._wanted[0], hi=self._wanted[1])
@@ -62,15 +63,12 @@ class ChamberLimits:
 
         Raises
         ------
-        DeviceError
+        RecognitionError
             If they have nothing in common.
         """
-        if not lo < hi:
-            log.warning("%s: the controller has no set point limits (%g, %g)", self._name, lo, hi)
-            return
         narrowed = Range(lo=max(lo, self._wanted[0]), hi=min(hi, self._wanted[1]))
         if not narrowed.lo < narrowed.hi:
-            raise DeviceError(
+            raise RecognitionError(
                 f"{self._name}: the controller takes set points {lo:g} to {hi:g} °C, "
                 f"the station file says {self._wanted[0]:g} to {self._wanted[1]:g} °C"
             )
@@ -82,3 +80,12 @@ class ChamberLimits:
                 narrowed.hi,
             )
         self.temp_c = narrowed
+
+    def check_safe_temp(self) -> None:
+        """Raise RecognitionError when the safe temperature cannot be commanded here."""
+        limits = self.temp_c
+        if self._safe_temp_c not in limits:
+            raise RecognitionError(
+                f"{self._name}: the safe temperature {self._safe_temp_c:g} °C is outside "
+                f"{limits.lo:g} to {limits.hi:g} °C, all that the controller takes"
+            )

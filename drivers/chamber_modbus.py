@@ -5,26 +5,20 @@ set. Here stand the limits, the reading back of everything written, and the way 
 """
 
 import logging
-import threading
-import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 
-from drivers.chamber_limits import ChamberLimits
-from drivers.chamber_registers import ControllerRegisters
-from drivers.devices import LinkCounters, Range, SafeResult
-from drivers.errors import DeviceError, InstrumentError, LimitError
-from drivers.station import ChamberConfig
+from drivers.chamber_watch import WatchedController
+from drivers.devices import CHAMBER_C, LinkCounters, Range, SafeResult
+from drivers.errors import DeviceError, FencedError, InstrumentError, LimitError, RecognitionError
 
 log = logging.getLogger(__name__)
 
 OVER_TEMPERATURE_MARGIN_C = 5.0  # an overshoot is less than this, a runaway soon more
-FOLLOW_S = 1.5  # real: a few control cycles, in which the loop takes up a new set point
-CYCLE_S = 0.05  # real: between two looks at it
 SafeStep = tuple[str, Callable[[], str]]
 
 
-class ModbusChamber(ControllerRegisters, ABC):
+class ModbusChamber(WatchedController, ABC):
     """A chamber with one temperature loop behind Modbus; the models derive from it.
 
     Parameters
@@ -33,17 +27,14 @@ class ModbusChamber(ControllerRegisters, ABC):
         Model, link, limits and scaling.
     name : str
         The instrument's name, for messages.
+    permit, recognition
+        As for `drivers.chambers.open_chamber`.
 
     Raises
     ------
     ValueError
         If the URL cannot be understood or there is no map of the model.
     """
-
-    def __init__(self, config: ChamberConfig, *, name: str = "chamber") -> None:
-        super().__init__(config, name=name)
-        self._limits = ChamberLimits(config, self._map, name=name)
-        self._commanding = threading.RLock()  # making safe must not be undone by a ramp half set
 
     # ---- what a Device is
 
@@ -68,12 +59,12 @@ class ModbusChamber(ControllerRegisters, ABC):
         return self._limits.rate_c_per_min
 
     def identify(self) -> str:
-        """Check that what answers behaves like the chamber of the station file.
+        """Recognise the chamber of the station file; until then nothing is written to it.
 
         No register common to these controllers names the model, so it is judged by what it
-        shows: a plausible temperature, units in °C and the number of decimals (where the model
-        tells them), and set point limits. Those limits are kept: the tighter of the controller's
-        and the station's apply from here on.
+        shows: scale, unit and word order, set point limits and temperatures that a chamber can
+        have. The limits are kept: the tighter of the controller's and the station's apply from
+        here on.
 
         Returns
         -------
@@ -82,21 +73,14 @@ class ModbusChamber(ControllerRegisters, ABC):
 
         Raises
         ------
+        RecognitionError
+            If it is not shown to be the chamber of the station file.
         DeviceError
-            If it cannot be the chamber of the station file.
+            If it is, and its temperature cannot be read.
         """
-        settings = self.read_settings()
-        self._check_settings(settings)
-        lo, hi = settings.get("setpoint_low"), settings.get("setpoint_high")
-        if isinstance(lo, float) and isinstance(hi, float):
-            self._limits.narrow(lo, hi)
-        temp_c = self._plausible("temperature", self._get("temperature"))
-        limits = self.limits_c
-        if self._config.safe_temp_c not in limits:
-            raise DeviceError(
-                f"{self._name}: the safe temperature {self._config.safe_temp_c:g} °C is outside "
-                f"{limits.lo:g} to {limits.hi:g} °C, all that the controller takes"
-            )
+        with self._commanding:
+            self._recognise()
+        temp_c, limits = self._plausible("temperature", self._get("temperature")), self.limits_c
         return f"{self._map.title}, {temp_c:g} °C, set points {limits.lo:g} to {limits.hi:g} °C"
 
     def read_settings(self) -> Mapping[str, str | float]:
@@ -110,19 +94,6 @@ class ModbusChamber(ControllerRegisters, ABC):
             if value is not None:
                 settings[name] = register.name_of(value) if register.values else value
         return settings
-
-    @property
-    def recognition(self) -> Mapping[str, float | str]:
-        """What `identify` recognised the controller by."""
-        return {}
-
-    def read_occupation(self) -> tuple[str, ...]:
-        """Read why the chamber is not free to be taken over."""
-        return ()
-
-    def read_foreign_changes(self) -> tuple[str, ...]:
-        """Read what the controller holds otherwise than was last commanded."""
-        return ()
 
     def close(self) -> None:
         """Release the port; harmless when done twice. Changes nothing in the controller."""
@@ -158,12 +129,16 @@ class ModbusChamber(ControllerRegisters, ABC):
         LimitError
             If it is outside the limits; nothing was sent.
         DeviceError
-            If the controller refused, or holds another value than was written.
+            If the controller refused, holds another value than was written, or goes by another.
+        RecognitionError
+            If the controller is not recognised, or no more; nothing was sent.
         """
         self._check_temp(temp_c)
         with self._commanding:
+            self._still_recognised()
             self._leave_profile(temp_c)
             self._hold(temp_c)
+            self._await_setpoint(temp_c)
 
     def ramp_to_c(self, temp_c: float, rate_c_per_min: float) -> None:
         """Move the set point from where the chamber is to `temp_c` uniformly, and hold there.
@@ -182,10 +157,13 @@ class ModbusChamber(ControllerRegisters, ABC):
         DeviceError
             If the controller refused, or holds another value than was written. The chamber then
             holds the temperature it was at, or its last set point.
+        RecognitionError
+            If the controller is not recognised, or no more; nothing was sent.
         """
         self._check_temp(temp_c)
         self._limits.check_rate(rate_c_per_min)
         with self._commanding:
+            self._still_recognised()
             # the controllers ramp from the set point in force: first put it where the chamber is
             present_c = self.read_temp_c()
             start_c = min(max(present_c, self.limits_c.lo), self.limits_c.hi)
@@ -196,6 +174,7 @@ class ModbusChamber(ControllerRegisters, ABC):
             except DeviceError as failure:
                 log.warning("%s; the ramp may begin elsewhere than at %g °C", failure, start_c)
             self._ramp(start_c, temp_c, rate_c_per_min)
+            self._check_under_way(start_c, temp_c)
 
     def read_alarms(self) -> tuple[str, ...]:
         """Read the faults the chamber reports of itself, in words; empty when there are none."""
@@ -204,8 +183,7 @@ class ModbusChamber(ControllerRegisters, ABC):
         if broken and broken not in alarms:
             alarms.append(broken)
         temp_c = self._get("temperature")
-        lo, hi = self._map.plausible_c
-        if not lo <= temp_c <= hi:
+        if temp_c not in CHAMBER_C:
             alarms.append(f"temperature {temp_c:g} °C is not plausible")
         elif temp_c > self.limits_c.hi + OVER_TEMPERATURE_MARGIN_C:
             alarms.append(f"over-temperature: {temp_c:g} °C, limit {self.limits_c.hi:g} °C")
@@ -214,10 +192,11 @@ class ModbusChamber(ControllerRegisters, ABC):
     def make_safe(self, temp_c: float) -> SafeResult:
         """End any ramp or profile, hold `temp_c`, and verify both by reading back.
 
-        Every step is tried even when one before it failed; a pass in which something failed but
-        something worked is done once more. Where the controller tells the set point in force, it
-        is given 1.5 s to become the one written. Safe to repeat, and needs nothing from an
-        earlier link. Never raises an InstrumentError.
+        A controller that was not recognised yet is recognised first; failing that nothing is
+        written. Every step is tried even when one before it failed; a pass in which something
+        failed but something worked is done once more. Where the controller tells the set point in
+        force, it is given 1.5 s to become the one written. Safe to repeat, and needs nothing from
+        an earlier link. Never raises an InstrumentError.
 
         Parameters
         ----------
@@ -230,14 +209,20 @@ class ModbusChamber(ControllerRegisters, ABC):
         """
         log.info("%s: making safe at %g °C", self._name, temp_c)
         with self._commanding:
+            before = self._link.writes
             self._forget_missing()  # nothing believed to be missing is passed over here
-            verified, worked, lines = self._safe_pass(temp_c)
-            if not verified and worked:
-                verified, _, again = self._safe_pass(temp_c)
-                lines = [*lines, "once more:", *again]
+            lines = list[str]()
+            try:
+                if not self._evidence:
+                    self._recognise_at_last()
+                verified = self._make_safe(temp_c, lines)
+                commanded = True
+            except InstrumentError as failure:  # not recognised, or the permit was withdrawn
+                verified, commanded = False, self._link.writes > before
+                lines.append(f"not commanded{' further' if commanded else ''}: {failure}")
         if not verified:
             log.error("%s: not verified to be safe: %s", self._name, "; ".join(lines))
-        return SafeResult(verified=verified, steps=tuple(lines))
+        return SafeResult(verified=verified, steps=tuple(lines), commanded=commanded)
 
     # ---- what a model says about itself
 
@@ -254,10 +239,6 @@ class ModbusChamber(ControllerRegisters, ABC):
         """End a profile or program that somebody started; `next_c` is where the loop goes then."""
 
     @abstractmethod
-    def _working_setpoint(self) -> float | None:
-        """Return the set point in force, °C; None where no register tells it."""
-
-    @abstractmethod
     def _sensor_fault(self) -> str:
         """Return what is wrong with the sensor, or an empty string."""
 
@@ -269,45 +250,43 @@ class ModbusChamber(ControllerRegisters, ABC):
     def _safe_steps(self, temp_c: float) -> Sequence[SafeStep]:
         """Return the steps to a safe state, each verifying itself and saying what it read back."""
 
-    def _check_settings(self, settings: Mapping[str, str | float]) -> None:
-        """Raise DeviceError where the settings cannot be those of the station file."""
-        if settings.get("units") == "fahrenheit":
-            raise DeviceError(f"{self._name}: the controller works in °F, set it to °C")
-        decimals = settings.get("decimals", self._config.decimals)
-        if decimals != self._config.decimals:
-            raise DeviceError(
-                f"{self._name}: the controller shows {decimals:g} decimals, "
-                f"expected {self._config.decimals} as in the station file"
-            )
-        if settings.get("display_units") == "fahrenheit":
-            log.warning("%s: the display is in °F; check that Modbus is in °C", self._name)
-
     # ---- parts of the above
-
-    def _plausible(self, what: str, value: float) -> float:
-        lo, hi = self._map.plausible_c
-        if not lo <= value <= hi:
-            raise DeviceError(
-                f"{self._name}: {what} {value:g} °C, expected {lo:g} to {hi:g}: "
-                "broken sensor or wrong register map"
-            )
-        return value
 
     def _check_temp(self, temp_c: float) -> None:
         self._limits.check_temp(temp_c)
         self._encode("setpoint", temp_c)
 
-    def _safe_pass(self, temp_c: float) -> tuple[bool, bool, list[str]]:
-        """Go through the steps once: all held, any held, one line each."""
-        held, lines = list[bool](), list[str]()
-        for label, step in self._safe_steps(temp_c):
+    def _recognise_at_last(self) -> None:
+        """Recognise the controller, once more when a question went wrong."""
+        try:
+            self._recognise()
+        except RecognitionError:
+            raise
+        except InstrumentError as failure:
+            log.warning("%s; trying to recognise it once more", failure)
+            self._recognise()
+
+    def _make_safe(self, temp_c: float, lines: list[str]) -> bool:
+        """Go through the safe steps, a second time if it helps; tell whether all held."""
+        verified, worked = self._safe_pass(temp_c, lines)
+        if not verified and worked:
+            lines.append("once more:")
+            verified, _ = self._safe_pass(temp_c, lines)
+        return verified
+
+    def _safe_pass(self, temp_c: float, lines: list[str]) -> tuple[bool, bool]:
+        """Go through the steps once, a line each: all held, any held."""
+        held = list[bool]()
+        for label, step in (("recognised", self._still_recognised), *self._safe_steps(temp_c)):
             try:
                 lines.append(f"{label}: {step()}")
                 held.append(True)
+            except (RecognitionError, FencedError):
+                raise
             except InstrumentError as error:
                 lines.append(f"{label}: failed: {error}")
                 held.append(False)
-        return all(held), any(held), lines
+        return all(held), any(held)
 
     def _set_safe_temp(self, temp_c: float) -> str:
         """Write the safe set point, which must be inside the limits like any other."""
@@ -320,30 +299,3 @@ class ModbusChamber(ControllerRegisters, ABC):
                 self._set("setpoint", force_c)
             raise
         return self._set("setpoint", temp_c)
-
-    def _await_setpoint(self, temp_c: float) -> str:
-        """Wait until the loop goes by a set point, which no ramp, program or remote one overrides.
-
-        A controller takes up what was written in its next cycle, some tenths of a second later.
-
-        Returns
-        -------
-        str
-            The set point in force, in words.
-
-        Raises
-        ------
-        DeviceError
-            If it is still another after 1.5 s.
-        """
-        near_c = 2 * self._map["setpoint"].tolerance(self._config.decimals)
-        give_up_s = time.monotonic() + FOLLOW_S
-        while (force_c := self._working_setpoint()) is not None:
-            if abs(force_c - temp_c) <= near_c:
-                return f"goes by {force_c:g} °C"
-            if time.monotonic() > give_up_s:
-                raise DeviceError(
-                    f"{self._name}: the loop goes by {force_c:g} °C, expected {temp_c:g} °C"
-                )
-            time.sleep(CYCLE_S)
-        return "not told here"

@@ -1,8 +1,9 @@
 """Reading and writing a controller's registers by name, and doing without those it lacks."""
 
 import logging
+from collections.abc import Callable, Mapping
 
-from drivers.errors import DeviceError, LimitError
+from drivers.errors import DeviceError, LimitError, RecognitionError
 from drivers.modbus_link import ModbusLink, RefusalError
 from drivers.registers import Register, load_map
 from drivers.station import ChamberConfig
@@ -13,6 +14,9 @@ log = logging.getLogger(__name__)
 class ControllerRegisters:
     """A controller's registers by name; everything written is read back.
 
+    Nothing leaves before there is evidence of which controller it is: the link asks `_allow_write`
+    before every question that writes.
+
     Not every build has every register. One that its map calls optional is left out, and that is
     logged, when the controller refuses it twice running without ever having answered for it.
 
@@ -22,6 +26,8 @@ class ControllerRegisters:
         Model, link and scaling.
     name : str
         The instrument's name, for messages.
+    permit : callable, optional
+        Called right before every write; what it raises keeps it from being sent.
 
     Raises
     ------
@@ -29,12 +35,31 @@ class ControllerRegisters:
         If the URL cannot be understood or there is no map of the model.
     """
 
-    def __init__(self, config: ChamberConfig, *, name: str) -> None:
-        self._map = load_map(config.model)
+    def __init__(
+        self, config: ChamberConfig, *, name: str, permit: Callable[[], None] | None = None
+    ) -> None:
+        self._map = load_map(config.model, config.word_order)
         self._config = config
         self._name = name
-        self._link = ModbusLink(config, name=name, barrier=self._map.barrier)
+        self._permit = permit
+        self._evidence: Mapping[str, float | str] = {}  # what the controller was recognised by
+        self._link = ModbusLink(
+            config, name=name, barrier=self._map.barrier, before_write=self._allow_write
+        )
         self._fitted: dict[str, bool] = {}  # as far as is known
+        self._commanded: dict[str, float] = {}  # what watched registers held once written
+
+    def _require_recognition(self) -> None:
+        if not self._evidence:
+            raise RecognitionError(
+                f"{self._name}: the controller was not recognised, nothing was sent; "
+                "`identify` comes first"
+            )
+
+    def _allow_write(self) -> None:
+        self._require_recognition()
+        if self._permit is not None:
+            self._permit()
 
     def _get(self, name: str) -> float:
         register = self._map[name]
@@ -74,6 +99,7 @@ class ControllerRegisters:
         number = float(register.values[value]) if isinstance(value, str) else value
         if self._fitted.get(name) is False:
             return f"no {name} here"
+        self._commanded.pop(name, None)  # until it is known whether it was taken
         try:
             self._link.write(register.address, self._encode(name, number), what=name)
         except RefusalError as refusal:
@@ -91,6 +117,8 @@ class ControllerRegisters:
                 f"{self._name}: wrote {name} = {self._text(register, number)}, "
                 f"read back {self._text(register, back)}"
             )
+        if register.watched:
+            self._commanded[name] = back
         return f"{name} = {self._text(register, back)}"
 
     def _command(self, name: str, value: str, *, repeatable: bool) -> None:

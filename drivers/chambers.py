@@ -5,10 +5,11 @@ from collections.abc import Callable, Mapping
 from drivers.chamber_eurotherm import Eurotherm3504
 from drivers.chamber_f4 import WatlowF4
 from drivers.chamber_f4t import WatlowF4T
+from drivers.chamber_modbus import ModbusChamber
 from drivers.devices import Chamber
 from drivers.station import ChamberConfig
 
-_DRIVERS: dict[str, Callable[[ChamberConfig], Chamber]] = {
+_DRIVERS: dict[str, type[ModbusChamber]] = {
     "watlow_f4t": WatlowF4T,
     "watlow_f4": WatlowF4,
     "eurotherm_3504": Eurotherm3504,
@@ -30,7 +31,9 @@ def open_chamber(
     permit : callable, optional
         Called right before every write; what it raises (`FencedError`) keeps it from being sent.
     recognition : mapping, optional
-        `Chamber.recognition` of another process that recognised the same controller.
+        `Chamber.recognition` of another process that recognised the same controller. The
+        controller is then compared with it, in place of what a sound chamber shows: a sensor
+        that has failed since does not matter, anything that differs does.
 
     Returns
     -------
@@ -41,4 +44,4 @@ def open_chamber(
     ValueError
         If the URL is none that leads to a Modbus controller.
     """
-    return _DRIVERS[config.model](config)
+    return _DRIVERS[config.model](config, permit=permit, recognition=recognition)

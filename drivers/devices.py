@@ -21,6 +21,11 @@ class Range:
         return self.lo <= value <= self.hi
 
 
+# Nothing cooled by liquid nitrogen gets below −196 °C, and what goes beyond 400 °C is a furnace: a
+# number outside is no temperature, set point or limit of a chamber, whatever register it came from.
+CHAMBER_C = Range(lo=-200.0, hi=400.0)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SafeResult:
     """What `make_safe` did and what reading back showed; `verified` only if every check held.

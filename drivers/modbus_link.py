@@ -8,12 +8,19 @@ unusual length, which a slave that answers in order does only when it has done w
 
 import logging
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Literal
 
 from drivers.devices import LinkCounters
-from drivers.errors import DeviceError, InstrumentError, LinkError, ProtocolError
+from drivers.errors import (
+    DeviceError,
+    FencedError,
+    InstrumentError,
+    LinkError,
+    ProtocolError,
+    RecognitionError,
+)
 from drivers.modbus import (
     BadReplyError,
     Port,
@@ -41,6 +48,7 @@ EXCEPTIONS = {
 }
 _NO_SUCH_FUNCTION, _STILL_WORKING, _BUSY = 1, 5, 6
 _ABSENT = (1, 2)
+_READING = (3, 4)
 
 
 class RefusalError(DeviceError):
@@ -69,6 +77,9 @@ class ModbusLink:
         The instrument's name, for messages.
     barrier : Barrier
         Registers to bring an RTU line into step with.
+    before_write : callable
+        Called right before every question that writes, repetitions included; what it raises
+        (`RecognitionError`, `FencedError`) keeps it from being sent. There is no other way out.
 
     Raises
     ------
@@ -76,12 +87,21 @@ class ModbusLink:
         If the URL cannot be understood.
     """
 
-    def __init__(self, config: LinkConfig, *, name: str, barrier: Barrier) -> None:
+    def __init__(
+        self,
+        config: LinkConfig,
+        *,
+        name: str,
+        barrier: Barrier,
+        before_write: Callable[[], None],
+    ) -> None:
         self.name = name
         self.url = config.url
         self.counters = LinkCounters()
+        self.writes = 0  # questions that write and were let through
         self._config = config
         self._barrier = barrier
+        self._before_write = before_write
         self._endpoint = parse_url(config.url)
         self._lock = threading.RLock()
         self._port: Port | None = None
@@ -153,6 +173,8 @@ class ModbusLink:
         ------
         LinkError, ProtocolError, RefusalError
             As for `read`.
+        InstrumentError
+            From `before_write`; nothing was sent.
         """
         function = self._single_write if len(words) == 1 else 16
         question = Question(function, address, len(words), tuple(words), f"write {what}")
@@ -190,7 +212,7 @@ class ModbusLink:
                     log.warning("%s; asking again (%d/%d)", failure, attempt, self._config.retries)
 
     def _may_repeat(self, failure: InstrumentError, *, repeatable: bool) -> bool:
-        if self._closed:
+        if self._closed or isinstance(failure, (FencedError, RecognitionError)):
             return False
         if isinstance(failure, RefusalError):
             # busy: not done, so it may be asked again whatever it was
@@ -199,6 +221,9 @@ class ModbusLink:
 
     def _converse(self, port: Port, question: Question) -> tuple[int, ...]:
         """Ask on a port that is in step, and turn what can go wrong into the drivers' errors."""
+        if question.function not in _READING:
+            self._before_write()
+            self.writes += 1
         where = f"{self.name}: {question.what} at {question.address}"
         self.counters.exchanges += 1
         by_command = self.counters.by_command

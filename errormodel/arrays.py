@@ -1,6 +1,6 @@
 """Array types, and results that stay as they were made."""
 
-from typing import Any, cast
+from typing import Any, TypeVar, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 FloatArray = NDArray[np.floating[Any]]
 IntArray = NDArray[np.intp]
 BoolArray = NDArray[np.bool_]
+AnyArray = TypeVar("AnyArray", bound=NDArray[Any])
 
 
 def readonly(values: ArrayLike) -> FloatArray:
@@ -21,7 +22,7 @@ def readonly(values: ArrayLike) -> FloatArray:
     return array
 
 
-def _is_frozen(array: FloatArray) -> bool:
+def _is_frozen(array: NDArray[Any]) -> bool:
     """Tell whether neither an array nor what it is a view of can be written to."""
     if array.flags.writeable:
         return False
@@ -29,8 +30,23 @@ def _is_frozen(array: FloatArray) -> bool:
     return array.base is None or (flags is not None and not flags.writeable)
 
 
+def sealed(values: AnyArray) -> AnyArray:
+    """Return an array that its maker gives away: made read-only in place, not copied."""
+    values.flags.writeable = False
+    return values
+
+
+def constant(value: float, n: int) -> NDArray[np.float64]:
+    """Return n times the same value, read-only, without room for n of them."""
+    return np.broadcast_to(sealed(np.array([value])), (n,))
+
+
 def readonly_int(values: ArrayLike) -> IntArray:
-    """Return an integer copy of `values` that cannot be written to."""
+    """Return `values` as integers that cannot be written to: a copy, unless they are so already."""
+    if isinstance(values, np.ndarray) and values.dtype == np.intp:
+        given = cast(IntArray, values)
+        if _is_frozen(given):
+            return given
     array = np.array(values, dtype=np.intp)
     array.flags.writeable = False
     return array

@@ -25,13 +25,14 @@ class Compressed:
     rest2: FloatArray  # (m,): squared length of what no combination of products explains
 
 
-def triangle_of(columns: FloatArray) -> FloatArray:
+def triangle_of(columns: FloatArray, above: FloatArray | None = None) -> FloatArray:
     """Return R of the QR factorisation of (n, p), shape (≤ p, p): every length and angle is kept.
 
     Blocks of rows are rotated one after another, so that each stays in the processor's cache.
+    `above` is the triangle of rows that went before.
     """
     p = columns.shape[1]
-    held = np.zeros((0, p))
+    held = np.zeros((0, p)) if above is None else above
     for begin in range(0, columns.shape[0], BLOCK_ROWS):
         block = np.vstack([held, columns[begin : begin + BLOCK_ROWS]])
         # "raw" zeroes below the diagonal in p rows only, not in the whole block
@@ -43,15 +44,20 @@ def compress(products: FloatArray, outputs: FloatArray) -> Compressed:
     """Rotate whitened products (n, P) and outputs (n, m) into a triangle of P rows."""
     p = products.shape[1]
     if outputs.shape[1] <= p:  # carrying a few outputs along is cheaper than forming Q
-        rotated = triangle_of(np.column_stack([products, outputs]))
-        rest = rotated[p:, p:]
-        return Compressed(
-            triangle=rotated[:p, :p], target=rotated[:p, p:], rest2=np.sum(rest**2, axis=0)
-        )
+        return compressed(triangle_of(np.column_stack([products, outputs])), outputs.shape[1])
     q, triangle = linalg.qr(products, mode="economic", check_finite=False)
     target = q.T @ outputs
     rest2 = np.sum((outputs - q @ target) ** 2, axis=0)
     return Compressed(triangle=triangle, target=target, rest2=rest2)
+
+
+def compressed(triangle: FloatArray, outputs: int = 1) -> Compressed:
+    """Split the triangle of products and outputs side by side."""
+    p = triangle.shape[1] - outputs
+    rest = triangle[p:, p:]
+    return Compressed(
+        triangle=triangle[:p, :p], target=triangle[:p, p:], rest2=np.sum(rest**2, axis=0)
+    )
 
 
 def solve_compressed(

@@ -6,7 +6,7 @@ a matrix as small as the model, for one channel or for a thousand that shared th
 Nonlinear parameters are fitted continuously outside of that (variable projection).
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -14,12 +14,19 @@ import numpy as np
 from scipy import linalg, optimize
 
 from errormodel.arrays import FloatArray, freeze, readonly
-from errormodel.compressed import Compressed, compress, solve_compressed, triangle_of
+from errormodel.compressed import (
+    Compressed,
+    compress,
+    compressed,
+    solve_compressed,
+    triangle_of,
+)
 from errormodel.errors import NotSeparableError
 from errormodel.model import ErrorModel
-from errormodel.noise import NoiseFit, NoiseModel, correlate, estimate_noise
+from errormodel.noise import NoiseFit, NoiseModel, estimate_noise_of
 from errormodel.record import Record
 from errormodel.separability import Separability, separability
+from errormodel.whitening import Whitening, drift_product
 
 Weighting = Literal["equal", "noise"]
 Support = Sequence[tuple[float, NoiseModel]]
@@ -118,16 +125,39 @@ def fit(
     known = _given(noise) if isinstance(noise, NoiseModel) else noise
     weights = known.noise if known and weighting == "noise" else NoiseModel(white=1.0)
     values = _solve(model, record, output, weights, values, check=True)
-    columns, residual = _linearised(model, record, output, values)
-    found = known or estimate_noise(record, residual, columns)
+    joint = _linearised(model, record, output, values)
+    found = known or estimate_noise_of(record, joint)
     if known is None and weighting == "noise":
         for _ in range(2):
             values = _solve(model, record, output, found.noise, values)
-            columns, residual = _linearised(model, record, output, values)
-            found = estimate_noise(record, residual, columns)
+            joint = _linearised(model, record, output, values)
+            found = estimate_noise_of(record, joint)
     if model.parameters:  # they had no effect to judge while their coefficients were zero
-        _refuse(separability(columns, model.names, _min_shares(model)))
-    return _result(model, values, record, columns, residual, found, weighting)
+        _refuse(separability(joint[:, :-1], model.names, _min_shares(model)))
+    return _result(model, values, record, joint, found, weighting)
+
+
+def fit_values(
+    model: ErrorModel, record: Record, *, start: Mapping[str, float] | None = None
+) -> dict[str, float]:
+    """Fit a model with equal weights and return the values alone, as `fit` finds them.
+
+    Parameters
+    ----------
+    model, record, start
+        As `fit` takes them.
+
+    Raises
+    ------
+    NotSeparableError, ValueError
+        As `fit` does.
+    """
+    output = _single_output(model, record)
+    given = {**model.start_values(), **(start or {})}
+    values = _solve(model, record, output, NoiseModel(white=1.0), given, check=True)
+    if model.parameters:
+        _refuse(examine(model, record, values))
+    return values
 
 
 def _given(noise: NoiseModel) -> NoiseFit:
@@ -136,10 +166,11 @@ def _given(noise: NoiseModel) -> NoiseFit:
 
 def _linearised(
     model: ErrorModel, record: Record, output: FloatArray, values: Mapping[str, float]
-) -> tuple[FloatArray, FloatArray]:
-    """Return the derivative (n, p) and the residual (n,)."""
-    predicted, columns = _output_and_derivative(model, record, values)
-    return columns, output - predicted
+) -> FloatArray:
+    """Return the derivative and the residual side by side, shape (n, p + 1)."""
+    joint = _derivative_and_output(model, record, values)
+    np.subtract(output, joint[:, -1], out=joint[:, -1])
+    return joint
 
 
 def _single_output(model: ErrorModel, record: Record) -> FloatArray:
@@ -164,9 +195,11 @@ def _solve(
 
     def squeeze(parameters: Mapping[str, float]) -> Compressed:
         """Return the small problem with the nonlinear parameters held."""
-        products = model.design(record, parameters)[0].products()
-        whitened = noise.whiten(record, np.column_stack([products, output]))
-        return compress(whitened[:, :-1], whitened[:, -1:])
+        triangle: FloatArray | None = None
+        for _, joint in whitened_products(model, record, output, noise, parameters):
+            triangle = triangle_of(joint, triangle)
+        assert triangle is not None  # there are more readings than unknowns
+        return compressed(triangle)
 
     def inner(data: Compressed) -> tuple[dict[str, float], float]:
         """Return the coefficients and their cost."""
@@ -181,6 +214,21 @@ def _solve(
         held = _best_parameters(model, held, lambda at: inner(squeeze(at))[1])
         data = squeeze(held)
     return {**held, **inner(data)[0]}
+
+
+def whitened_products(
+    model: ErrorModel,
+    record: Record,
+    output: FloatArray,
+    noise: NoiseModel,
+    parameters: Mapping[str, float],
+) -> Iterator[tuple[slice, FloatArray]]:
+    """Yield readings with their whitened products, the output beside them, block by block."""
+    whitening: Whitening | None = None
+    for rows, design in model.designs(record, parameters):
+        joint = np.column_stack([design.products(), output[rows]])
+        whitening = whitening or noise.whitening(joint.shape[1])
+        yield rows, whitening.whiten(record.view(rows), joint) / noise.white
 
 
 def _examined(model: ErrorModel, data: Compressed, values: Mapping[str, float]) -> Separability:
@@ -233,21 +281,24 @@ def derivative(model: ErrorModel, record: Record, values: Mapping[str, float]) -
     ndarray, shape (n, p)
         Columns in the order of `model.names`.
     """
-    return _output_and_derivative(model, record, values)[1]
+    return _derivative_and_output(model, record, values)[:, :-1]
 
 
-def _output_and_derivative(
+def _derivative_and_output(
     model: ErrorModel, record: Record, values: Mapping[str, float]
-) -> tuple[FloatArray, FloatArray]:
-    output, linear = model.linearise(record, values)
-    columns = [linear]
-    for p in model.parameters:
+) -> FloatArray:
+    """Return the derivative and the output side by side, shape (n, p + 1)."""
+    joint = np.empty((len(record), len(model.names) + 1))
+    count = len(model.coefficients)
+    for rows, design in model.designs(record, values):
+        joint[rows, -1], joint[rows, :count] = model.linearised(design, values)
+    for k, p in enumerate(model.parameters, count):
         step = 1e-4 * (p.hi - p.lo)
         lo, hi = max(values[p.name] - step, p.lo), min(values[p.name] + step, p.hi)
         above = model.simulate(record, {**values, p.name: hi})
         below = model.simulate(record, {**values, p.name: lo})
-        columns.append(((above - below) / (hi - lo))[:, None])
-    return output, (np.hstack(columns) if model.parameters else linear)
+        joint[:, k] = (above - below) / (hi - lo)
+    return joint
 
 
 def examine(model: ErrorModel, record: Record, values: Mapping[str, float]) -> Separability:
@@ -259,24 +310,21 @@ def _result(
     model: ErrorModel,
     values: Mapping[str, float],
     record: Record,
-    columns: FloatArray,
-    residual: FloatArray,
+    joint: FloatArray,
     found: NoiseFit,
     weighting: Weighting,
 ) -> ModelFit:
     """Put the result together; the covariance is averaged over the noise the data allow."""
-    norms = np.linalg.norm(columns, axis=0)
-    norms = np.where(norms > 0, norms, 1.0)
-    scaled = columns / norms
+    columns, residual = joint[:, :-1], joint[:, -1]
     if weighting == "equal":
-        cov, condition = _equal_covariance(record, scaled, found.support)
+        cov, condition = _equal_covariance(record, columns, found.support)
     else:
-        cov, condition = _noise_covariance(record, scaled, residual, found.support)
+        cov, condition = _noise_covariance(record, columns, residual, found.support)
     return ModelFit(
         model=model,
         names=model.names,
         values=np.array([values[name] for name in model.names]),
-        cov=cov / np.outer(norms, norms),
+        cov=cov,
         noise=found.noise,
         rms=float(np.sqrt(np.mean(residual**2))),
         n=len(record),
@@ -295,17 +343,18 @@ def expected_covariance(
         In the order of `model.names`.
     """
     columns = derivative(model, record, values)
-    norms = np.linalg.norm(columns, axis=0)
-    cov, _ = _equal_covariance(record, columns / norms, _given(noise).support)
-    return cov / np.outer(norms, norms)
+    return _equal_covariance(record, columns, _given(noise).support)[0]
 
 
 def _equal_covariance(
     record: Record, columns: FloatArray, support: Support
 ) -> tuple[FloatArray, float]:
     """Return A V Aᵀ with A the least-squares inverse, averaged over the noises; and a condition."""
-    r = triangle_of(columns)
-    inverse = linalg.pinv(r)
+    triangle = triangle_of(columns)
+    norms = np.linalg.norm(triangle, axis=0)  # those of the columns: rotations keep lengths
+    norms = np.where(norms > 0, norms, 1.0)
+    r = triangle / norms
+    inverse = linalg.pinv(r) / norms[:, None]
     total = sum(share for share, _ in support)
     cov = sum(s * noise.white**2 for s, noise in support) / total * (inverse @ inverse.T)
     by_tau: dict[float, float] = {}
@@ -315,7 +364,7 @@ def _equal_covariance(
     solved = inverse @ inverse.T
     for tau_s, variance in by_tau.items():
         if variance > 0.0:
-            spread = columns.T @ correlate(record, tau_s, columns)
+            spread = drift_product(record, tau_s, columns)
             cov = cov + variance * (solved @ spread @ solved)
     return cov, float(np.linalg.cond(r))
 
@@ -324,7 +373,9 @@ def _noise_covariance(
     record: Record, columns: FloatArray, residual: FloatArray, support: Support
 ) -> tuple[FloatArray, float]:
     """Return (Jᵀ V⁻¹ J)⁻¹ averaged over the noises, with how far the estimate moves with them."""
-    joint = np.column_stack([columns, residual])
+    norms = np.linalg.norm(columns, axis=0)
+    norms = np.where(norms > 0, norms, 1.0)
+    joint = np.column_stack([columns / norms, residual])
     steps: list[FloatArray] = []
     covs: list[FloatArray] = []
     for _, noise in support:
@@ -336,8 +387,9 @@ def _noise_covariance(
     share = np.array([w for w, _ in support]) / sum(w for w, _ in support)
     apart = np.array(steps) - share @ np.array(steps)
     within = np.einsum("i,ijk->jk", share, np.array(covs))
-    condition = float(np.linalg.cond(columns))
-    return within + np.einsum("i,ij,ik->jk", share, apart, apart), condition
+    condition = float(np.linalg.cond(joint[:, :-1]))
+    cov = within + np.einsum("i,ij,ik->jk", share, apart, apart)
+    return cov / np.outer(norms, norms), condition
 
 
 def fit_many(

@@ -1,6 +1,6 @@
 """The error model: a tuple of terms, which simulates and gives the columns to fit."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from errormodel.arrays import FloatArray
+from errormodel.blocks import in_blocks
 from errormodel.record import Record
 from errormodel.terms import (
     Coefficient,
@@ -176,7 +177,11 @@ class ErrorModel:
         ValueError
             If the record lacks a signal.
         """
-        return self.continue_simulation(record, values, None)[0]
+        output = np.empty(len(record))
+        parts = in_blocks(record, lambda part, at: self.continue_simulation(part, values, at))
+        for rows, simulated in parts:
+            output[rows] = simulated
+        return output
 
     def continue_simulation(
         self, record: Record, values: Values, memory: Mapping[str, Memory] | None
@@ -196,13 +201,25 @@ class ErrorModel:
 
     def linearise(self, record: Record, values: Values) -> tuple[FloatArray, FloatArray]:
         """Compute the output (n,) and its derivative by the coefficients (n, their number)."""
-        design, _ = self.design(record, values)
+        output = np.empty(len(record))
+        derivative = np.empty((len(record), len(self.coefficients)))
+        for rows, design in self.designs(record, values):
+            output[rows], derivative[rows] = self.linearised(design, values)
+        return output, derivative
+
+    def designs(self, record: Record, values: Values) -> Iterator[tuple[slice, Design]]:
+        """Yield the readings of each block of a record with their columns, as `design` has them."""
+        return in_blocks(record, lambda part, at: self.design(part, values, at))
+
+    def linearised(self, design: Design, values: Values) -> tuple[FloatArray, FloatArray]:
+        """Compute the output and its derivative of columns that were evaluated."""
         gain, factor, measured = self._factors(design, values)
         by_gain = [(factor * measured)[:, None]] if self.coefficients_in("gain") else []
         by_scale = (gain * measured)[:, None] * design.scale
         plain = not by_gain and design.scale.shape[1] == 0
         by_input = design.input if plain else (gain * factor)[:, None] * design.input
-        return gain * factor * measured, _side_by_side([*by_gain, by_scale, by_input], len(record))
+        n = design.base.size
+        return gain * factor * measured, _side_by_side([*by_gain, by_scale, by_input], n)
 
     def _factors(self, design: Design, values: Values) -> tuple[float, FloatArray, FloatArray]:
         """Return the three factors of the output: gain, 1 + Σ scale, base + Σ input.

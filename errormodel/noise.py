@@ -7,69 +7,17 @@ filter of that process (the Cholesky factor of the covariance, in linear time), 
 observations and to every column alike.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 from scipy import linalg, optimize
 
-from errormodel.arrays import FloatArray, IntArray
+from errormodel.arrays import FloatArray
+from errormodel.blocks import block_slices
+from errormodel.compressed import triangle_of
 from errormodel.record import Record
-
-
-@numba.njit(cache=True)
-def _whiten(
-    time_s: FloatArray, run: IntArray, ratio2: float, tau_s: float, columns: FloatArray
-) -> tuple[FloatArray, float]:
-    n, m = columns.shape
-    out = np.empty((n, m))
-    mean = np.zeros(m)
-    variance = ratio2
-    log_det = 0.0
-    for k in range(n):
-        if k > 0 and run[k] == run[k - 1]:
-            keep = np.exp(-(time_s[k] - time_s[k - 1]) / tau_s)
-            variance = ratio2 + keep * keep * (variance - ratio2)
-        else:
-            keep = 0.0
-            variance = ratio2
-        total = variance + 1.0
-        gain = variance / total
-        root = 1.0 / np.sqrt(total)
-        log_det += np.log(total)
-        for j in range(m):
-            predicted = keep * mean[j]
-            innovation = columns[k, j] - predicted
-            mean[j] = predicted + gain * innovation
-            out[k, j] = innovation * root
-        variance = variance * (1.0 - gain)
-    return out, log_det
-
-
-@numba.njit(cache=True)
-def _correlate(time_s: FloatArray, run: IntArray, tau_s: float, columns: FloatArray) -> FloatArray:
-    """Multiply by exp(−|t_j − t_k|/τ) within runs: one pass forward, one backward."""
-    n, m = columns.shape
-    out = columns.copy()
-    carry = np.zeros(m)
-    for k in range(1, n):
-        keep = np.exp(-(time_s[k] - time_s[k - 1]) / tau_s) if run[k] == run[k - 1] else 0.0
-        for j in range(m):
-            carry[j] = keep * (carry[j] + columns[k - 1, j])
-            out[k, j] += carry[j]
-    carry[:] = 0.0
-    for k in range(n - 2, -1, -1):
-        keep = np.exp(-(time_s[k + 1] - time_s[k]) / tau_s) if run[k] == run[k + 1] else 0.0
-        for j in range(m):
-            carry[j] = keep * (carry[j] + columns[k + 1, j])
-            out[k, j] += carry[j]
-    return out
-
-
-def correlate(record: Record, tau_s: float, columns: FloatArray) -> FloatArray:
-    """Return the drift's correlation matrix times `columns` (n, m), in linear time."""
-    return _correlate(record.time_s, record.run, tau_s, np.ascontiguousarray(columns, dtype=float))
+from errormodel.whitening import Whitening
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -97,14 +45,11 @@ class NoiseModel:
 
     def whiten(self, record: Record, columns: FloatArray) -> FloatArray:
         """Return `columns` decorrelated and scaled to unit variance, shape as given (n, m)."""
-        return self.whitened_shape(record, columns)[0] / self.white
+        return self.whitening(columns.shape[1]).whiten(record, columns) / self.white
 
-    def whitened_shape(self, record: Record, columns: FloatArray) -> tuple[FloatArray, float]:
-        """Return `columns` decorrelated in units of `white`, and ln det of that covariance."""
-        if self.drift == 0.0:
-            return np.asarray(columns, dtype=float), 0.0
-        data = np.ascontiguousarray(columns, dtype=float)
-        return _whiten(record.time_s, record.run, self.ratio2, self.drift_tau_s, data)
+    def whitening(self, width: int) -> Whitening:
+        """Return what decorrelates columns block by block, in units of `white`."""
+        return Whitening(self.ratio2, self.drift_tau_s, width)
 
     def scaled(self, factor: float) -> "NoiseModel":
         """Return the same shape of noise, `factor` times as large."""
@@ -171,37 +116,45 @@ def estimate_noise(
     Harville, D. A. (1977), Maximum likelihood approaches to variance component estimation and to
     related problems, JASA 72, eq. for the restricted likelihood.
     """
-    stacked = np.column_stack([columns, residual])
-    norms = np.linalg.norm(stacked, axis=0)
-    stacked = stacked / np.where(norms > 0, norms, 1.0)
-    scale = float(norms[-1])
-    blocks = record.run_slices if own else (slice(0, len(record)),)
-    dof = max(len(record) - len(blocks) * columns.shape[1], 1)
+    return estimate_noise_of(record, np.column_stack([columns, residual]), own=own)
+
+
+def estimate_noise_of(record: Record, joint: FloatArray, *, own: bool = False) -> NoiseFit:
+    """Estimate the noise as `estimate_noise` does, the residual standing beside the columns.
+
+    Parameters
+    ----------
+    record : Record
+    joint : ndarray, shape (n, p + 1)
+        Derivative and residual; it is not copied.
+    own : bool
+    """
+    data = _Contrasts(record, joint, own=own)
+    scale = data.scale
     steps = np.concatenate([np.diff(record.time_s[r]) for r in record.run_slices])
     spans = [float(np.ptp(record.time_s[r])) for r in record.run_slices]
     if scale == 0.0 or steps.size < 10:
-        return _white_only(stacked, scale, dof, blocks)
+        return _white_only(data)
 
     def evaluate(log_ratio: float, log_tau: float) -> tuple[float, float]:
         """Return the restricted log-likelihood and the white sigma that goes with it."""
         shape = NoiseModel(white=1.0, drift=np.exp(log_ratio), drift_tau_s=np.exp(log_tau))
-        white, log_det = shape.whitened_shape(record, stacked)
-        return _restricted(white, log_det, dof, blocks)
+        return data.restricted(shape)
 
     bounds = (
         (np.log(0.02), np.log(50.0)),
         (np.log(3.0 * float(np.median(steps))), np.log(3.0 * max(max(spans), 30.0))),
     )
-    none, _ = _restricted(stacked, 0.0, dof, blocks)
+    none, _ = data.restricted(NoiseModel(white=1.0))
     best = _maximise(evaluate, bounds)
     if best[0] <= none + 1e-3:
-        return _white_only(stacked, scale, dof, blocks)
+        return _white_only(data)
     drifting, evidence = _support(evaluate, best[1], bounds)
     # Drift or none: equal odds beforehand, moved by how much better drift of any size and
     # correlation time within the bounds explains the data on average.
     odds = float(np.exp(min(evidence - none, 50.0)))
     share = odds / (1.0 + odds)
-    white_alone = _white_only(stacked, scale, dof, blocks).noise
+    white_alone = _white_only(data).noise
     support = [(share * w, _model(at, s * scale)) for w, at, s in drifting]
     if share < 0.99:
         support.append((1.0 - share, white_alone))
@@ -216,38 +169,56 @@ def _model(at: tuple[float, float], white: float) -> NoiseModel:
     )
 
 
-Blocks = Sequence[slice]
-
-
-def _white_only(stacked: FloatArray, scale: float, dof: int, blocks: Blocks) -> NoiseFit:
-    _, sigma = _restricted(stacked, 0.0, dof, blocks)
-    noise = NoiseModel(white=max(sigma * scale, np.finfo(float).tiny))
+def _white_only(data: "_Contrasts") -> NoiseFit:
+    _, sigma = data.restricted(NoiseModel(white=1.0))
+    noise = NoiseModel(white=max(sigma * data.scale, np.finfo(float).tiny))
     return NoiseFit(noise=noise, support=((1.0, noise),))
 
 
-def _restricted(white: FloatArray, log_det: float, dof: int, blocks: Blocks) -> tuple[float, float]:
-    """Return the restricted log-likelihood, profiled over the white sigma, and that sigma.
+class _Contrasts:
+    """Columns and residual, of unit length each, whose whitened triangle the likelihood needs."""
 
-    `blocks` are the readings that share unknowns.
-    """
-    rest2, log_seen = 0.0, 0.0
-    for rows in blocks:
-        diagonal = _triangle_diagonal(white[rows])
-        rest, inner = diagonal[-1], diagonal[:-1]
-        seen = inner[inner > 1e-9 * inner.max(initial=0.0)]
-        rest2 += float(rest) ** 2
-        log_seen += float(np.sum(np.log(seen)))
-    sigma2 = max(rest2 / dof, np.finfo(float).tiny)
-    return -0.5 * (log_det + dof * np.log(sigma2)) - log_seen, float(np.sqrt(sigma2))
+    def __init__(self, record: Record, joint: FloatArray, *, own: bool) -> None:
+        self.record, self.joint = record, joint
+        self.groups = record.run_slices if own else (slice(0, len(record)),)  # that share unknowns
+        self.dof = max(len(record) - len(self.groups) * (joint.shape[1] - 1), 1)
+        squares = [np.sum(joint[rows] ** 2, axis=0) for rows in block_slices(len(record))]
+        norms = np.sqrt(np.sum(squares, axis=0)) if squares else np.zeros(joint.shape[1])
+        self.scale = float(norms[-1])
+        self.norms = np.where(norms > 0, norms, 1.0)
 
+    def restricted(self, shape: NoiseModel) -> tuple[float, float]:
+        """Return the restricted log-likelihood, profiled over the white sigma, and that sigma."""
+        rest2, log_seen, log_det = 0.0, 0.0, 0.0
+        for group in self.groups:
+            diagonal, more = self._triangle_diagonal(shape, group)
+            rest, inner = diagonal[-1], diagonal[:-1]
+            seen = inner[inner > 1e-9 * inner.max(initial=0.0)]
+            rest2 += float(rest) ** 2
+            log_seen += float(np.sum(np.log(seen)))
+            log_det += more
+        sigma2 = max(rest2 / self.dof, np.finfo(float).tiny)
+        return -0.5 * (log_det + self.dof * np.log(sigma2)) - log_seen, float(np.sqrt(sigma2))
 
-def _triangle_diagonal(white: FloatArray) -> FloatArray:
-    """Return the diagonal of R of the QR factorisation, without signs."""
-    try:  # the columns are of unit length and few: their Gram matrix keeps enough digits
-        return np.diag(linalg.cholesky(white.T @ white, check_finite=False))
-    except linalg.LinAlgError:
-        triangle = linalg.qr(white, mode="r", check_finite=False)[0][: white.shape[1]]
-        return np.abs(np.diag(triangle))
+    def _triangle_diagonal(self, shape: NoiseModel, group: slice) -> tuple[FloatArray, float]:
+        """Return the diagonal of R of a group's QR factorisation, without signs, and ln det."""
+        width = self.joint.shape[1]
+        gram, whitening = np.zeros((width, width)), shape.whitening(width)
+        for white in self._whitened(whitening, group):
+            gram += white.T @ white
+        try:  # the columns are of unit length and few: their Gram matrix keeps enough digits
+            return np.diag(linalg.cholesky(gram, check_finite=False)), whitening.log_det
+        except linalg.LinAlgError:
+            triangle = None
+            for white in self._whitened(shape.whitening(width), group):
+                triangle = triangle_of(white, triangle)
+            diagonal = np.zeros(width) if triangle is None else np.diag(triangle)
+            return np.abs(diagonal), whitening.log_det
+
+    def _whitened(self, whitening: Whitening, group: slice) -> Iterator[FloatArray]:
+        for part in block_slices(group.stop - group.start):
+            rows = slice(group.start + part.start, group.start + part.stop)
+            yield whitening.whiten(self.record.view(rows), self.joint[rows] / self.norms)
 
 
 Evaluate = Callable[[float, float], tuple[float, float]]

@@ -1,13 +1,13 @@
 """What one channel saw: named input signals on one time base, cut into runs."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from errormodel.arrays import FloatArray, IntArray, freeze, readonly, readonly_int
+from errormodel.arrays import FloatArray, IntArray, freeze, readonly, readonly_int, sealed
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -68,20 +68,46 @@ class Record:
 
     def with_signals(self, **signals: FloatArray) -> "Record":
         """Return the same record with signals replaced or added."""
-        return Record(
-            time_s=self.time_s,
-            run=self.run,
-            signals={**self.signals, **signals},
-            output=self.output,
+        checked = {name: readonly(values) for name, values in signals.items()}
+        for name, values in checked.items():
+            if values.shape != self.time_s.shape:
+                raise ValueError(f"{name} has shape {values.shape}, expected {self.time_s.shape}")
+        return _unchecked(self.time_s, {**self.signals, **checked}, self.run, self.output)
+
+    def with_only(self, names: Collection[str]) -> "Record":
+        """Return the same record with some of its signals."""
+        kept = {name: values for name, values in self.signals.items() if name in names}
+        return _unchecked(self.time_s, kept, self.run, self.output)
+
+    def view(self, rows: slice) -> "Record":
+        """Return readings that stand together, without a copy; runs keep their numbers."""
+        return _unchecked(
+            self.time_s[rows],
+            {name: values[rows] for name, values in self.signals.items()},
+            self.run[rows],
+            None if self.output is None else self.output[rows],
         )
 
     def take(self, keep: ArrayLike) -> "Record":
         """Return the readings chosen by a mask or by indices; runs are numbered anew."""
-        chosen = np.arange(len(self))[np.asarray(keep)]
+        rows = np.asarray(keep)
+        chosen = np.flatnonzero(rows) if rows.dtype == np.bool_ else rows
         _, run = np.unique(self.run[chosen], return_inverse=True)
         return Record(
-            time_s=self.time_s[chosen],
+            time_s=sealed(self.time_s[chosen]),
             run=run,
-            signals={name: values[chosen] for name, values in self.signals.items()},
-            output=None if self.output is None else self.output[chosen],
+            signals={name: sealed(values[chosen]) for name, values in self.signals.items()},
+            output=None if self.output is None else sealed(self.output[chosen]),
         )
+
+
+def _unchecked(
+    time_s: FloatArray,
+    signals: Mapping[str, FloatArray],
+    run: IntArray,
+    output: FloatArray | None,
+) -> Record:
+    """Make a record of arrays that stood in one that was checked."""
+    made = object.__new__(Record)
+    freeze(made, time_s=time_s, signals=MappingProxyType(dict(signals)), run=run, output=output)
+    return made

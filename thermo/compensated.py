@@ -1,27 +1,20 @@
 """Recorded runs with a model applied, as files: `accelbench compensate` in Python."""
 
-import csv
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
-import pyarrow
-import pyarrow.parquet
 
 from errormodel.arrays import FloatArray
 from errormodel.errors import InputError
-from errormodel.files import read_text
 from errormodel.table_write import write_with_sidecar
+from errormodel.tables import column_names
 from thermo.compensation import Compensated, compensate
 from thermo.modelfile import ModelFile, read_model
 from thermo.recording import RecordedRuns, read_runs
 from thermo.recording_write import sidecar_text
-
-arrow: Any = pyarrow  # it has no types
-arrow_parquet: Any = pyarrow.parquet
 
 ADDED = ("accel_g", "accel_compensated_g")
 OUTSIDE = "outside_range"
@@ -117,22 +110,13 @@ def refuse_compensated(path: Path) -> None:
     InputError
         If it has the column `accel_compensated_g`.
     """
-    if ADDED[1] in _column_names(path):
+    try:
+        names = column_names(path)
+    except InputError:
+        return  # the reader says it better
+    if ADDED[1] in names:
         problem = f"has {ADDED[1]}: already compensated, expected a recording as measured"
         raise InputError(path, "header", problem)
-
-
-def _column_names(path: Path) -> list[str]:
-    if path.suffix.lower() in {".parquet", ".pq"}:
-        try:
-            return list(arrow_parquet.read_schema(path).names)
-        except (arrow.ArrowException, OSError, ValueError):
-            return []  # the reader says it better
-    header = next((line for line in read_text(path).splitlines() if line.strip()), "")
-    try:
-        return [name.strip() for name in next(csv.reader([header]), list[str]())]
-    except csv.Error:
-        return []
 
 
 def write_compensated(runs: RecordedRuns, values: Compensated, path: Path) -> None:

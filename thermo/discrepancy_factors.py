@@ -48,7 +48,7 @@ class Seen:
         self.time_s = blocks.times.time_s
         self.temp = blocks.mean(record["x_slow_c"])
         self.rate = blocks.mean(record["rate_c_per_min"])
-        self.direction = channel.direction[first]
+        self.direction = channel.direction[first].astype(np.intp)
         self.has_input = channel.has_input
         angle = np.round(np.degrees(np.arctan2(record["a_i_g"], record["a_p_g"])), 0)[first]
         self.position = np.unique(angle, return_inverse=True)[1]

@@ -11,8 +11,9 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator, model_valida
 from errormodel.arrays import FloatArray
 from errormodel.errors import InputError, NotSeparableError
 from errormodel.files import read_toml
-from errormodel.fit import ModelFit, fit
+from errormodel.fit import ModelFit, fit, fit_values
 from errormodel.model import ErrorModel
+from errormodel.record import Record
 from thermo.head_errors import with_head_accuracy
 from thermo.inputs import Channel, channel_of
 from thermo.recording import RecordedRuns
@@ -176,7 +177,8 @@ def _fit_one(
     kept = tuple(r for r in everything.run_ids if r not in holdout)
     if not kept:
         raise InputError(runs.source, f"serial {serial}", "no run is left to fit")
-    channel = everything.take(everything.runs_mask(kept))
+    all_kept = kept == everything.run_ids
+    channel = everything if all_kept else everything.take(everything.runs_mask(kept))
     given = terms.model()
     selection = None if given else select_model(channel)
     model = given or (selection.model if selection else ErrorModel(()))
@@ -239,8 +241,13 @@ def _fit_channel(model: ErrorModel, channel: Channel, start: Mapping[str, float]
 
 
 def _residual_ug(result: ModelFit, channel: Channel) -> FloatArray:
-    predicted = result.model.simulate(channel.record, result.as_dict())
-    return 1e6 * (np.asarray(channel.record.output) - predicted)
+    return _left_ug(result.model, channel.record, result.as_dict())
+
+
+def _left_ug(model: ErrorModel, record: Record, values: Mapping[str, float]) -> FloatArray:
+    left = model.simulate(record, values)
+    np.subtract(np.asarray(record.output), left, out=left)
+    return np.multiply(left, 1e6, out=left)
 
 
 def _constants_only_ug(channel: Channel) -> FloatArray:
@@ -272,13 +279,13 @@ def _held_out(
     if len(everything.run_ids) < 2:
         return None
     residual_ug = np.empty(len(everything.record))
-    for left_out in everything.run_ids:
-        others = tuple(r for r in everything.run_ids if r != left_out)
-        seen = everything.take(everything.runs_mask(others))
-        rows = everything.runs_mask((left_out,))
+    record = everything.record.with_only(model.needs)  # parts of it are then small
+    for rows in record.run_slices:
+        mine = np.arange(len(record))[rows]
         try:
-            without = fit(model, seen.record, start=result.as_dict(), noise=result.noise)
+            seen = record.take(np.delete(np.arange(len(record)), mine))
+            values = fit_values(model, seen, start=result.as_dict())
         except NotSeparableError:
             return None  # this run alone carries some coefficient: it cannot be predicted
-        residual_ug[rows] = _residual_ug(without, everything.take(rows))
+        residual_ug[rows] = _left_ug(model, record.take(mine), values)
     return summarise(everything, residual_ug)

@@ -161,7 +161,7 @@ def planned_channel(runs: Sequence[RunPlan], t_ref_c: float, mount_deg: float = 
                 "x_slow_c": slow_c - t_ref_c,
                 "rate_c_per_min": rate,
                 "elapsed_h": (ends[run] + time_s) / 3600.0,
-                **mounting_signals(position_deg, force_g),
+                **mounting_signals(position_deg, force_g[:, 0], force_g[:, 1]),
             },
         ),
         temp_c=temp_c,
@@ -191,7 +191,7 @@ def followed_by(first: Channel, then: Channel, pause_h: float = 24.0) -> Channel
         if name in two.signals
     }
     force_g = np.column_stack([signals[n] for n in ("a_i_g", "a_p_g", "a_o_g")])
-    signals |= mounting_signals(signals["head_deg"], force_g)
+    signals |= mounting_signals(signals["head_deg"], force_g[:, 0], force_g[:, 1])
     return Channel(
         serial=first.serial,
         run_ids=(*first.run_ids, *(f"next {r}" for r in then.run_ids)),

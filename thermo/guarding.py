@@ -1,99 +1,182 @@
-"""The controller's side of the guardian: start it, dismiss it, read what it left."""
+"""The controller's side of the guardian: lock, heartbeat, fence, replacement."""
 
-import fcntl
-import json
+import contextlib
 import logging
 import os
-import select
-import subprocess
-import sys
-import tempfile
+import signal
+import threading
 import time
+from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
 
-import sqlalchemy as sa
-
-from drivers.errors import LinkError
-from drivers.station import ChamberConfig
-from thermo import guardian
-from thermo.store import Store
+from drivers.devices import SafeResult
+from drivers.errors import FencedError, LinkError
+from drivers.station import ChamberConfig, StationConfig
+from thermo.chamber_lock import PATIENCE_S, ChamberHeldError, ChamberLock
+from thermo.commanded_note import Commanded, forget_commanded, note_commanded, read_commanded
+from thermo.guardian import Charge
+from thermo.guardian_process import Guardian
+from thermo.guardian_record import read_record
+from thermo.heartbeat import notify_service, silence_limit_s, watchdog_s
+from thermo.processes import is_alive, process_start, process_state
 
 log = logging.getLogger(__name__)
 
-START_S = 30.0  # a loaded machine may take its time to import
-LEAVE_S = 10.0
+BEAT_S = 0.5  # between two beats, at most so often
+MAX_REPLACED = 5  # in one sitting; more are no accident
+RELIEF_S = 30.0  # a fenced controller waits so long for the guardian's result, to tell it
 
 
-class Guardian:
-    """A running guardian; left without `dismiss`, or by dying, it makes the chamber safe.
+class Guard:
+    """A sitting's hold on its chamber: the lock, the guardian, and whether it may still command.
+
+    A context manager: left without `end`, a chamber that a guardian was started for is handed
+    over to it.
 
     Parameters
     ----------
-    chamber : ChamberConfig
-    result_path : Path
-        Where it leaves its result.
-    retry_s : float
-        Real seconds for which it tries a chamber that does not answer.
-
-    Raises
-    ------
-    LinkError
-        If it does not report itself ready.
+    config : StationConfig
+    lock : ChamberLock
+        Released at the end.
+    limit_s : float, optional
+        How long the controller may be silent, real s; by the station file if not given.
     """
 
     def __init__(
-        self, chamber: ChamberConfig, result_path: Path, *, retry_s: float = guardian.RETRY_S
+        self, config: StationConfig, lock: ChamberLock, *, limit_s: float | None = None
     ) -> None:
-        charge = guardian.Charge(
-            chamber=chamber,
-            safe_temp_c=chamber.safe_temp_c,
-            result_path=result_path.resolve(),
-            retry_s=retry_s,
+        self.commanded = False  # whether a write was ever allowed
+        self.taken_over = ""  # by the guardian, and why
+        self._config = config
+        self._lock = lock
+        self._limit_s = silence_limit_s(config) if limit_s is None else limit_s
+        self._charge: Charge | None = None
+        self._guardian: Guardian | None = None
+        self._left_before = False  # an earlier test had left the chamber behind
+        self._replaced = 0
+        self._lost = False  # unguarded: the last one could not be replaced
+        self._beaten_s = -BEAT_S
+        self._thread = threading.get_ident()
+
+    def start(
+        self, test_id: str, recognition: Mapping[str, float | str], result_path: Path
+    ) -> None:
+        """Start the guardian and note that the chamber will be commanded.
+
+        Parameters
+        ----------
+        test_id : str
+        recognition : mapping
+            `Chamber.recognition`.
+        result_path : Path
+            As `thermo.guardian_results.result_file` gives it.
+
+        Raises
+        ------
+        LinkError
+            If it does not get ready, or its files cannot be written; nothing was commanded.
+        """
+        self._charge = Charge(
+            chamber=self._config.chamber,
+            result_path=result_path,
+            limit_s=self._limit_s,
+            test_id=test_id,
+            recognition=recognition,
         )
-        self.result_path = charge.result_path
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", "thermo.guardian"],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            start_new_session=True,
-            cwd="/",
-            env=os.environ | {"PYTHONPATH": str(Path(guardian.__file__).parents[1])},
-        )
+        self._left_before = read_commanded(self._config.chamber) is not None
+        first = Guardian(self._charge, self._lock)
+        first.wait_until_ready()
         try:
-            self._say(charge.line().encode() + b"\n")
-            self._wait_until_ready()
-        except BaseException:
-            self._process.kill()
-            self._leave()
-            raise
+            self._note(first)
+        except OSError as err:
+            first.dismiss()
+            raise LinkError(
+                f"guardian: {err.filename or 'its note'}: {err.strerror}; not commanded"
+            ) from None
+        self._guardian = first
+        patience_s = watchdog_s()
+        if patience_s is not None and patience_s < self._limit_s:
+            log.warning(
+                "WatchdogSec is %g s, shorter than the %g s that the controller may be silent; "
+                "expected a longer one",
+                patience_s,
+                self._limit_s,
+            )
+        notify_service("READY=1", f"STATUS=test {test_id}")
 
-    @property
-    def pid(self) -> int:
-        """The guardian's process id."""
-        return self._process.pid
+    def permit(self) -> None:
+        """Allow one write to the chamber; called by its driver right before.
 
-    def dismiss(self) -> None:
-        """Tell it that there is nothing left to do; harmless when it is gone or done twice."""
-        if self._process.returncode is not None:
-            return
-        try:
-            self._say(guardian.DONE)
-        except OSError:
-            log.warning("the guardian was gone before it was dismissed")
-        self._leave()
+        Raises
+        ------
+        FencedError
+            If the guardian has taken over, or none was started.
+        """
+        if self._guardian is None:
+            raise FencedError("no guardian stands by; the chamber is not commanded")
+        self._look_at_fence(self._guardian)
+        self._beat(self._guardian)
+        self.commanded = True
 
-    def leave_to_it(self) -> None:
-        """Hand the chamber over: it makes it safe now, also after this process has ended."""
-        pipe, output = self._process.stdin, self._process.stdout
-        for end in (pipe, output):
-            if end is not None:
-                end.close()
-        # it outlives us on purpose; without this Popen complains of it when collected
-        self._process.returncode = 0
+    def beat(self) -> tuple[str, ...]:
+        """Show that the control thread lives, and look whether the guardian does.
 
-    def __enter__(self) -> "Guardian":
+        Never waits. From another thread than the one that made this, it does nothing: that
+        another thread lives says nothing about the control.
+
+        Returns
+        -------
+        tuple of str
+            What is worth an event.
+
+        Raises
+        ------
+        FencedError
+            If the guardian has taken over; nothing may be commanded any more.
+        LinkError
+            Once, if a dead guardian cannot be replaced; the test is to end.
+        """
+        if threading.get_ident() != self._thread or self._guardian is None:
+            return ()
+        self._look_at_fence(self._guardian)
+        self._beat(self._guardian)
+        trouble = "" if self._lost else self._guardian.trouble
+        return (self._replace(trouble),) if trouble else ()
+
+    def end(self, safe: SafeResult) -> SafeResult:
+        """End the sitting: dismiss the guardian, or leave the chamber to it.
+
+        Parameters
+        ----------
+        safe : SafeResult
+            Of the controller's own clean-up.
+
+        Returns
+        -------
+        SafeResult
+            That one; or what the guardian did, when it had taken over (`taken_over` says why).
+        """
+        current, self._guardian = self._guardian, None
+        if current is not None:
+            with contextlib.suppress(FencedError):
+                self._look_at_fence(current)
+            if not self.taken_over and (safe.verified or not (safe.commanded or self.commanded)):
+                current.dismiss()
+                with contextlib.suppress(FencedError):
+                    self._look_at_fence(current)
+                if not self.taken_over:
+                    current.result_path.unlink(missing_ok=True)
+                    if safe.verified or not self._left_before:
+                        forget_commanded(self._config.chamber)
+            elif not self.taken_over:
+                self._hand_over(current)
+            if self.taken_over:
+                safe = self._relieved(current)
+        self._lock.release()
+        return safe
+
+    def __enter__(self) -> "Guard":
         return self
 
     def __exit__(
@@ -102,110 +185,115 @@ class Guardian:
         value: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        if self._process.returncode is None:
-            self.leave_to_it()
+        if self._guardian is not None:
+            self._hand_over(self._guardian)
+            self._guardian = None
+        self._lock.release()
 
-    def _say(self, text: bytes) -> None:
-        assert self._process.stdin is not None
-        self._process.stdin.write(text)
-        self._process.stdin.flush()
+    # ---- parts of the above
 
-    def _wait_until_ready(self) -> None:
-        assert self._process.stdout is not None
-        ready, _, _ = select.select([self._process.stdout], [], [], START_S)
-        said = self._process.stdout.readline().decode().strip() if ready else "nothing"
-        if said != guardian.READY:
-            raise LinkError(
-                f"guardian: said {said or 'nothing'!r}, {guardian.READY!r} was expected in "
-                f"{START_S:g} s; without it the chamber is not commanded"
-            )
+    def _look_at_fence(self, current: Guardian) -> None:
+        if not self.taken_over:
+            current.hear()
+            if not current.fence:
+                return
+            self.taken_over = f"the guardian took over: {current.fence}"
+            log.error("%s", self.taken_over)
+            current.see_fence()
+        raise FencedError(self.taken_over)
 
-    def _leave(self) -> None:
-        for end in (self._process.stdin, self._process.stdout):
-            if end is not None:
-                try:
-                    end.close()
-                except OSError:
-                    log.debug("the guardian's pipe was broken already")
+    def _beat(self, current: Guardian) -> None:
+        now_s = time.monotonic()
+        if now_s - self._beaten_s >= BEAT_S and threading.get_ident() == self._thread:
+            self._beaten_s = now_s
+            current.beat()
+            notify_service("WATCHDOG=1")
+
+    def _replace(self, trouble: str) -> str:
+        """Put a new guardian in the place of one that is dead or mute; return the event."""
+        assert self._charge is not None
+        assert self._guardian is not None
+        old = self._guardian
+        old.kill()
+        self._replaced += 1
         try:
-            self._process.wait(LEAVE_S)
-        except subprocess.TimeoutExpired:
-            log.warning("the guardian does not leave; it is ended")
-            self._process.kill()
-            self._process.wait()
-
-
-def result_file(store_url: str | Path, test_id: str) -> Path:
-    """Return where the guardian of a test leaves its result.
-
-    Beside an SQLite store; for a store on a server in the user's state directory.
-    """
-    text = str(store_url)
-    if "://" in text and not text.startswith("sqlite"):
-        state = os.environ.get("XDG_STATE_HOME") or str(Path.home() / ".local/state")
-        folder = Path(state) / "accelbench"
+            if self._replaced > MAX_REPLACED:
+                raise LinkError(f"guardian: {self._replaced} were lost")
+            self._guardian = Guardian(self._charge, self._lock)
+        except LinkError as err:
+            self._lost = True
+            raise LinkError(f"{trouble} and cannot be replaced: {err}") from None
         try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError:
-            folder = Path(tempfile.gettempdir())
-        return folder / f"{test_id}.guardian.json"
-    database = sa.make_url(text).database if text.startswith("sqlite") else text
-    path = Path(database or "store")
-    return path.with_name(f"{path.name}.{test_id}.guardian.json")
+            self._note(self._guardian)
+        except OSError as err:  # the first one's still stands, and says by what to recognise
+            log.warning("%s: %s", err.filename, err.strerror)
+        if old.fence:  # it took over just before it was ended: its successor finishes that
+            self.taken_over = f"the guardian took over: {old.fence}"
+            self._hand_over(self._guardian)
+            raise FencedError(self.taken_over)
+        log.warning("%s; process %d takes its place", trouble, self._guardian.pid)
+        return f"{trouble}; process {self._guardian.pid} takes its place"
+
+    def _note(self, current: Guardian) -> None:
+        assert self._charge is not None
+        note_commanded(
+            self._config.chamber,
+            Commanded(
+                chamber_url=self._charge.chamber.url,
+                test_id=self._charge.test_id,
+                recognition=self._charge.recognition,
+                guardian_pid=current.pid,
+                guardian_start=process_start(current.pid),
+                result_path=current.result_path,
+            ),
+        )
+
+    def _hand_over(self, current: Guardian) -> None:
+        """Leave the chamber to the guardian, or to a new one if that is gone."""
+        current.hear()
+        stopped = process_state(current.pid)[0] == "stopped"
+        if (stopped or current.trouble) and self._charge is not None:
+            current.kill()
+            try:
+                current = Guardian(self._charge, self._lock)
+            except LinkError as err:
+                log.error("the chamber is left as it is: %s", err)
+                return
+        log.error("the chamber is left to the guardian, process %d", current.pid)
+        current.leave_to_it()
+
+    def _relieved(self, current: Guardian) -> SafeResult:
+        """Wait a little for the guardian that took over, and tell what it did."""
+        if current.has_died(RELIEF_S):
+            self._hand_over(current)
+        else:
+            current.leave_to_it()
+        record = read_record(current.result_path)
+        told = record.text if record is not None else "it has left no result"
+        verified = record is not None and record.verified
+        return SafeResult(verified=verified, steps=(self.taken_over, told), commanded=False)
 
 
-def collect_result(store: Store, test_id: str, path: Path) -> bool | None:
-    """Enter what a guardian has left into the store's events, once.
+def take_lock(chamber: ChamberConfig, *, patience_s: float = PATIENCE_S) -> ChamberLock:
+    """Take a chamber's lock, waiting for a guardian that makes it safe.
 
-    Parameters
-    ----------
-    store : Store
-    test_id : str
-    path : Path
-        As `result_file` gives it.
-
-    Returns
-    -------
-    bool or None
-        Whether the guardian verified the safe condition; None when it has left nothing.
-    """
-    try:
-        text = path.read_text(encoding="utf-8")
-    except FileNotFoundError:
-        return None
-    try:
-        data = json.loads(text)
-        verified, steps = bool(data["verified"]), "; ".join(str(step) for step in data["steps"])
-        told = f"{data['utc']}: {data['why']}; {steps}"
-    except (ValueError, KeyError, TypeError):
-        verified, told = False, f"its result file {path} is damaged"
-    store.log_event(test_id, None, None, "guardian" if verified else "guardian: not safe", told)
-    path.unlink(missing_ok=True)
-    return verified
-
-
-def wait_for_guardian(chamber: ChamberConfig, patience_s: float = 60.0) -> None:
-    """Wait until no guardian works on a chamber any more: two masters would fight for it.
+    A guardian that was stopped while its controller died is let run on, so that it does.
 
     Raises
     ------
-    LinkError
-        If one still does after `patience_s` real seconds.
+    ChamberHeldError, LinkError
+        As `ChamberLock.take`.
     """
-    lock = guardian.open_lock(chamber.url)
-    give_up_s = time.monotonic() + patience_s
     try:
-        while True:
-            try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except OSError:
-                if time.monotonic() > give_up_s:
-                    raise LinkError(
-                        f"chamber {chamber.url}: another test runs on it, or a guardian still "
-                        f"tries to make it safe; see to the chamber first"
-                    ) from None
-                time.sleep(0.1)
-            else:
-                return
-    finally:
-        os.close(lock)
+        return ChamberLock.take(chamber, patience_s=0.0)
+    except ChamberHeldError as err:
+        note = read_commanded(chamber) if err.holder.is_guardian else None
+    if (
+        note is not None
+        and is_alive(note.guardian_pid, note.guardian_start)
+        and process_state(note.guardian_pid)[0] == "stopped"
+    ):
+        log.warning("the guardian, process %d, was stopped; it goes on now", note.guardian_pid)
+        with contextlib.suppress(OSError):
+            os.kill(note.guardian_pid, signal.SIGCONT)
+    return ChamberLock.take(chamber, patience_s=patience_s)

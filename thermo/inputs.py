@@ -4,12 +4,20 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
-from errormodel.arrays import FloatArray, IntArray, freeze, readonly, readonly_int
+from errormodel.arrays import (
+    FloatArray,
+    IntArray,
+    constant,
+    freeze,
+    readonly,
+    sealed,
+)
 from errormodel.errors import InputError
 from errormodel.record import Record
 from thermo.recording import RecordedRuns
-from thermo.recording_model import BoolArray
+from thermo.recording_model import FORCES, BoolArray
 
 # The slope of temperature is a straight line over this span, or over five readings if that is
 # longer: a thermistor's noise of 2 mK then leaves 1 % of a 1 °C/min ramp.
@@ -47,7 +55,7 @@ class Channel:
     record: Record
     temp_c: FloatArray
     position_deg: FloatArray
-    direction: IntArray
+    direction: NDArray[np.int8]
     has_input: bool
     output_unit: str
     nominal_scale: float
@@ -58,7 +66,7 @@ class Channel:
             self,
             temp_c=readonly(self.temp_c),
             position_deg=readonly(self.position_deg),
-            direction=readonly_int(self.direction),
+            direction=sealed(self.direction.astype(np.int8)),
         )
 
     def runs_mask(self, run_ids: tuple[str, ...]) -> IntArray:
@@ -106,7 +114,8 @@ def channel_of(
     chosen = rows_of(runs, serial, runs.good) if rows is None else rows
     if chosen.size == 0:
         raise InputError(runs.source, f"serial {serial}", "every reading is flagged")
-    return _channel(runs.take(chosen), serial, t_ref_c)
+    whole = chosen.size == len(runs) and bool(np.all(np.diff(chosen) == 1))
+    return _channel(runs if whole else runs.take(chosen), serial, t_ref_c)
 
 
 def rows_of(runs: RecordedRuns, serial: str, mask: BoolArray) -> IntArray:
@@ -128,7 +137,14 @@ def _channel(mine: RecordedRuns, serial: str, t_ref_c: float) -> Channel:
     present, run = np.unique(mine.run.codes, return_inverse=True)
     time_s, temp_c = mine.time_s, mine.temp_c
     slow_c, rate = smooth_temperature(time_s, temp_c, run)
-    force = mine.specific_force_g if mine.has_input else np.zeros((len(mine), 3))
+    slow_c -= t_ref_c
+    force = mine.specific_force_g if mine.has_input else None
+    forces = (
+        {name: constant(0.0, len(mine)) for name in FORCES}
+        if force is None
+        else {name: _compact(force[:, k]) for k, name in enumerate(FORCES)}
+    )
+    del force
     return Channel(
         serial=serial,
         run_ids=tuple(mine.run_ids[int(k)] for k in present),
@@ -136,16 +152,14 @@ def _channel(mine: RecordedRuns, serial: str, t_ref_c: float) -> Channel:
             time_s=time_s,
             run=run,
             signals={
-                "a_i_g": force[:, 0],
-                "a_p_g": force[:, 1],
-                "a_o_g": force[:, 2],
-                "x_c": temp_c - t_ref_c,
-                "x_slow_c": slow_c - t_ref_c,
-                "rate_c_per_min": rate,
-                "elapsed_h": elapsed_h(mine, run),
-                **mounting_signals(mine.position_deg, force),
+                **forces,
+                "x_c": sealed(temp_c - t_ref_c),
+                "x_slow_c": sealed(slow_c),
+                "rate_c_per_min": sealed(rate),
+                "elapsed_h": sealed(elapsed_h(mine, run)),
+                **mounting_signals(mine.position_deg, forces["a_i_g"], forces["a_p_g"]),
             },
-            output=mine.output / mine.nominal_scale,
+            output=sealed(mine.output / mine.nominal_scale),
         ),
         temp_c=temp_c,
         position_deg=mine.position_deg,
@@ -157,7 +171,14 @@ def _channel(mine: RecordedRuns, serial: str, t_ref_c: float) -> Channel:
     )
 
 
-def mounting_signals(position_deg: FloatArray, force_g: FloatArray) -> dict[str, FloatArray]:
+def _compact(values: FloatArray) -> FloatArray:
+    """Return a copy that takes no room where it is 0 everywhere, as along OA on a head."""
+    return sealed(values.copy()) if np.any(values) else constant(0.0, values.size)
+
+
+def mounting_signals(
+    position_deg: FloatArray, a_i_g: FloatArray, a_p_g: FloatArray
+) -> dict[str, FloatArray]:
     """Return the head's angle and the number of the mounting, as signals.
 
     Where the forces say another angle than the head's, the accelerometer is mounted turned on it;
@@ -167,18 +188,19 @@ def mounting_signals(position_deg: FloatArray, force_g: FloatArray) -> dict[str,
     ----------
     position_deg : ndarray, shape (n,)
         The head's angle, °; where it is not known, that of the forces is taken.
-    force_g : ndarray, shape (n, 3)
-        Along IA, PA, OA.
+    a_i_g, a_p_g : ndarray, shape (n,)
+        Specific force along IA and PA.
     """
-    own = np.degrees(np.arctan2(force_g[:, 0], force_g[:, 1]))
-    head = np.where(np.isfinite(position_deg), position_deg, own)
-    turned = np.round(own - head) % 360.0
+    own = np.degrees(np.arctan2(a_i_g, a_p_g))
+    known = np.isfinite(position_deg)
+    head = position_deg if known.all() else sealed(np.where(known, position_deg, own))
+    own -= head
+    turned = np.round(own, out=own) % 360.0
     angles, first, which = np.unique(turned, return_index=True, return_inverse=True)
+    if angles.size <= 1:
+        return {"head_deg": head, "mounting": constant(0.0, head.size)}
     order = np.argsort(np.argsort(first))
-    return {
-        "head_deg": head,
-        "mounting": order[which.reshape(-1)].astype(float) * (angles.size > 1),
-    }
+    return {"head_deg": head, "mounting": sealed(order[which.reshape(-1)].astype(float))}
 
 
 def elapsed_h(mine: RecordedRuns, run: IntArray) -> FloatArray:
@@ -212,11 +234,11 @@ def _overlapping(starts_s: Sequence[float], lengths_s: Sequence[float]) -> bool:
     return bool(np.any(begun[1:] < ended[:-1]))
 
 
-def direction_of(rate_c_per_min: FloatArray) -> IntArray:
+def direction_of(rate_c_per_min: FloatArray) -> NDArray[np.int8]:
     """Tell heating (1), cooling (−1) and hold (0) from the rate of temperature."""
     fastest = float(np.quantile(np.abs(rate_c_per_min), 0.95)) if rate_c_per_min.size else 0.0
     moving = np.abs(rate_c_per_min) > HOLD_SHARE * fastest
-    return np.where(moving, np.sign(rate_c_per_min), 0).astype(np.intp)
+    return np.where(moving, np.sign(rate_c_per_min), 0).astype(np.int8)
 
 
 def smooth_temperature(

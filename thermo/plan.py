@@ -10,10 +10,12 @@ from numpy.typing import NDArray
 from drivers.station import StationConfig
 from errormodel.errors import InputError
 from thermo.legs import FloatArray, Leg, commanded_c, expand, lagged_c, leg_at
+from thermo.plan_bounds import PLAUSIBLE_C, unprotecting
 from thermo.sequence import Positions, Sequence
 
 CASE_LAG_S = 300.0  # assumed: how slowly an accelerometer's case follows the programme
 HEAD_START_S = 0.5  # assumed: what a head needs to begin and end a move beyond angle/speed
+EMULATED_CHANNELS = 20  # of each of the emulated multimeter's three modules
 MAX_SLOTS = 2_000_000  # all runs; a period of 0.1 s for more than two days
 
 
@@ -137,7 +139,7 @@ def make_plan(sequence: Sequence, station: StationConfig, source: str = "sequenc
     slots = int(np.ceil(periods - 1e-9))
     limits = sequence.limits
     chamber_c = limits.chamber_c or station.chamber.limits_c
-    low_c, high_c = limits.accelerometer_c or (chamber_c[0] - 10, chamber_c[1] + 10)
+    own_c = limits.accelerometer_c or (chamber_c[0] - 10, chamber_c[1] + 10)
     programme = sequence.temperature
     rest_c = programme.rest.temp_c
     way_s = 60 * abs(programme.start_c - station.chamber.safe_temp_c) / programme.approach_c_per_min
@@ -150,10 +152,14 @@ def make_plan(sequence: Sequence, station: StationConfig, source: str = "sequenc
         approach_s=way_s + 60 * programme.start_soak_min,
         rest_temp_c=station.chamber.safe_temp_c if rest_c is None else rest_c,
         chamber_limits_c=chamber_c,
-        accelerometer_limits_c=(low_c, high_c),
+        # beyond what a thermistor can show nothing would be limited
+        accelerometer_limits_c=(max(own_c[0], PLAUSIBLE_C[0]), min(own_c[1], PLAUSIBLE_C[1])),
     )
+    if (problem := unprotecting(sequence)) is not None:
+        raise InputError(source, *problem)
     _check_wiring(plan, source)
     _check_temperatures(plan, source)
+    _check_start(plan, way_s, source)
     _check_head(plan, source)
     return plan
 
@@ -171,6 +177,13 @@ def _check_wiring(plan: Plan, source: str) -> None:
             known = ", ".join(sorted(wired))
             problem = f"{accelerometer.serial!r} is not wired in the station, which has {known}"
             raise InputError(source, f"accelerometers.{index}.serial", problem)
+    # a 34970A takes multiplexers of 16, 20 or 40 channels; the emulated one has those of 20
+    most = 40 if plan.station.emulation is None else EMULATED_CHANNELS
+    for entry in plan.station.inputs:
+        for channel in (entry.output_channel, entry.thermistor_channel):
+            if not 1 <= channel % 100 <= most:
+                problem = f"there is no channel {channel}, the last two digits are 01 to {most}"
+                raise InputError(plan.station.name, f"inputs, {entry.serial}", problem)
 
 
 def _check_temperatures(plan: Plan, source: str) -> None:
@@ -183,13 +196,15 @@ def _check_temperatures(plan: Plan, source: str) -> None:
             f"{asked[0]:g}…{asked[1]:g} °C is wider than the station's "
             f"{station.limits_c[0]:g}…{station.limits_c[1]:g} °C",
         )
-    low, high = asked
     named = [("temperature.start_c", plan.sequence.temperature.start_c)]
     named += [(f"temperature, segment {leg.index} spelt out", leg.end_c) for leg in plan.legs]
     named += [("temperature.rest.temp_c", plan.rest_temp_c)]
-    for place, value in named:
-        if not low <= value <= high:
-            raise InputError(source, place, f"{value:g} °C is outside {low:g}…{high:g} °C")
+    pairs = (("limits.chamber_c", asked), ("limits.accelerometer_c", plan.accelerometer_limits_c))
+    for key, (low, high) in pairs:
+        for place, value in named:
+            if not low <= value <= high:
+                problem = f"{value:g} °C is outside {key} {low:g}…{high:g} °C"
+                raise InputError(source, place, problem)
     slow, fast = station.rate_limits_c_per_min
     for leg in plan.legs:
         rate = abs(leg.rate_c_per_min)
@@ -197,6 +212,18 @@ def _check_temperatures(plan: Plan, source: str) -> None:
             place = f"temperature, segment {leg.index} spelt out"
             problem = f"{rate:g} °C/min is outside the station's {slow:g}…{fast:g} °C/min"
             raise InputError(source, place, problem)
+
+
+def _check_start(plan: Plan, way_s: float, source: str) -> None:
+    programme = plan.sequence.temperature
+    if way_s > 60 * programme.start_timeout_min:
+        raise InputError(
+            source,
+            "temperature.start_timeout_min",
+            f"{programme.start_timeout_min:g} min is too short: from the safe "
+            f"{plan.station.chamber.safe_temp_c:g} °C to start_c {programme.start_c:g} °C at "
+            f"approach_c_per_min {programme.approach_c_per_min:g} takes {way_s / 60:g} min",
+        )
 
 
 def _check_head(plan: Plan, source: str) -> None:

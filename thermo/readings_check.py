@@ -36,7 +36,7 @@ SENSOR_STEP_C = 0.05  # smaller steps of a thermistor move no output by more tha
 OUTPUT_HALF_WINDOW = 12  # visits of the same position on either side
 MOST_OUTLIERS = 0.02  # of a series; what is more frequent is no accident but structure
 FEWEST = 20  # readings of a series that show what is usual in it
-SAMPLE = 20_000  # readings for the preliminary model
+SAMPLE = 20_000  # readings for the preliminary model, or for which it is evaluated at once
 FEWEST_CLIPPED = 3
 CLIP_SIGMA = 4.0
 LIKELY_REPEATS = 1e-6  # chance of so many equal digits in a row that is called impossible
@@ -157,7 +157,7 @@ def _clipped(one: _Series, model: FloatArray) -> dict[int, str]:
     for end, extreme in ((-1.0, one.output.min()), (1.0, one.output.max())):
         if not _is_clipped(one, float(extreme)):
             continue
-        expected = _columns(one.temp_c, one.a_g) @ model
+        expected = _expected(one, model)
         sigma = robust_sigma(one.output - expected)
         cut = (one.output == extreme) | (end * (expected - extreme) > -CLIP_SIGMA * sigma)
         found |= {int(row): "clipped" for row in one.rows[cut]}
@@ -186,7 +186,7 @@ def _output_outliers(one: _Series, model: FloatArray) -> dict[int, str]:
     found: dict[int, str] = {}
     if not len(one.rows):
         return found
-    residual = one.output - _columns(one.temp_c, one.a_g) @ model
+    residual = one.output - _expected(one, model)
     places, count = np.unique(one.place, return_counts=True)
     rare = np.isin(one.place, places[count < FEWEST])
     group = np.where(rare, -1, one.place)  # too few visits to tell: judged together
@@ -226,6 +226,16 @@ def _columns(temp_c: FloatArray, a_g: FloatArray | None) -> FloatArray:
     a_i, a_p, a_o = a_g.T
     static = np.column_stack([a_i**2, a_i**3, a_p, a_o, a_i * a_p, a_i * a_o])
     return np.hstack([powers, powers * a_i[:, None], static])
+
+
+def _expected(one: _Series, model: FloatArray) -> FloatArray:
+    """Return what a preliminary model gives, shape (n,), without all regressors at once."""
+    expected = np.empty(len(one.rows))
+    for begin in range(0, len(expected), SAMPLE):
+        rows = slice(begin, begin + SAMPLE)
+        a_g = None if one.a_g is None else one.a_g[rows]
+        expected[rows] = _columns(one.temp_c[rows], a_g) @ model
+    return expected
 
 
 def _usual_repeats(values: FloatArray, group: IntArray | None = None) -> float:

@@ -5,7 +5,7 @@ that is already in memory, checked in the same way.
 """
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from datetime import UTC, date, datetime
 from pathlib import Path
 from typing import Annotated, Any
@@ -17,6 +17,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, field_valida
 from errormodel.errors import InputError
 from errormodel.files import check, read_toml
 from errormodel.tables import TableForm, read_table, sidecar_path
+from thermo.labels import pair_keys
 from thermo.readings_check import flag_readings
 from thermo.recording_check import Table, build
 from thermo.recording_model import (
@@ -175,6 +176,7 @@ def make_runs(
     run_start_utc: Mapping[str, datetime] | None = None,
     mount_deg: Mapping[str, Mapping[str, float]] | None = None,
     source: str = "the record",
+    place: Callable[[int], str] | None = None,
 ) -> RecordedRuns:
     """Make a record of a table in memory.
 
@@ -194,11 +196,13 @@ def make_runs(
         Run id → serial → how far it is mounted turned on the head, °.
     source : str
         Where the table came from, for messages.
+    place : callable, optional
+        Turns a row's index into words, for messages; default: rows are counted from 1.
 
     Raises
     ------
     InputError
-        If a value is not what it should be; rows are counted from 1.
+        If a value is not what it should be.
     """
     given = {
         "output_unit": output_unit,
@@ -222,7 +226,7 @@ def make_runs(
                 raise InputError(source, f"column {name}", "expected numbers") from None
         else:
             text[name] = Labels.of(column.to_numpy(dtype=object))
-    table = Table(text, number, source, lambda row: f"row {row + 1}")
+    table = Table(text, number, source, place or (lambda row: f"row {row + 1}"))
     return build(table, sidecar.scale, sidecar.run_start_utc, sidecar.mount_deg)
 
 
@@ -295,7 +299,7 @@ def join_runs(parts: Sequence[RecordedRuns]) -> RecordedRuns:
 
 
 def _in_order_of_time(joined: RecordedRuns, parts: Sequence[RecordedRuns]) -> RecordedRuns:
-    key = joined.run.codes * len(joined.serials) + joined.serial.codes
+    key = pair_keys(joined.run, joined.serial)
     order = np.lexsort((joined.time_s, key))
     again = (np.diff(key[order]) == 0) & (np.diff(joined.time_s[order]) == 0)
     if again.any():

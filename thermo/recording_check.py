@@ -6,7 +6,9 @@ from datetime import datetime
 
 import numpy as np
 
+from errormodel.arrays import constant, sealed
 from errormodel.errors import InputError
+from thermo.labels import pair_keys, pairs, present_only
 from thermo.recording_model import (
     FORCES,
     GOOD_FLAGS,
@@ -16,11 +18,13 @@ from thermo.recording_model import (
     Labels,
     OutputScale,
     RecordedRuns,
-    pairs,
-    present_only,
+    nothing,
 )
 
 TEMP_RANGE_C = (-273.15, 1000.0)
+# No accelerometer outlives 10⁶ g, no head turns 10⁶ times, no run lasts 30 000 years.
+LARGEST = {"time_s": 1e12, "position_deg": 3.6e8, **dict.fromkeys(FORCES, 1e6)}
+LARGEST_OUTPUT_G = 1e6
 # Mountings are told apart by the degree; where the input axis and the pendulous one share less of
 # gravity than this, in g, their forces tell no angle.
 MOUNT_TOLERANCE_DEG, LEAST_FORCE_G = 0.5, 0.1
@@ -65,10 +69,12 @@ def build(
     run, serial = _checked_names(table, "run"), _checked_names(table, "serial")
     flag = _normal_flags(table)
     good = np.array([name == "" for name in flag.names], dtype=np.bool_)[flag.codes]
-    nothing = np.full(len(table), np.nan)
-    number = {name: table.number.get(name, nothing) for name in NUMBERS}
+    empty = constant(np.nan, len(table))
+    number = {name: table.number.get(name, empty) for name in NUMBERS}
+    forced = any(name in table.number for name in FORCES)
     _check_finite(table, number, good)
     _check_temperatures(table, number)
+    _check_sizes(table, number, scale, good)
     _check_time(table, run, serial)
     _check_input(table, run, serial, good)
     stated = {(r, s): v for r, of_run in (mount_deg or {}).items() for s, v in of_run.items()}
@@ -78,7 +84,9 @@ def build(
         run=run,
         serial=serial,
         flag=flag,
-        a_g=np.column_stack([number[name] for name in FORCES]),
+        a_g=sealed(np.column_stack([number[name] for name in FORCES]))
+        if forced
+        else nothing(len(table)),
         scales={key: scale for key in pairs(run, serial)},
         run_start_utc={r: t for r, t in (run_start_utc or {}).items() if r in run.names},
         mount_deg=mounts,
@@ -104,14 +112,14 @@ def _checked_names(table: Table, column: str) -> Labels:
 def _normal_flags(table: Table) -> Labels:
     labels = table.text.get("flag")
     if labels is None:
-        return Labels(np.zeros(len(table), dtype=np.int64), ("",))
+        return Labels.all_alike("", len(table))
     names = [" ".join(name.split()) for name in labels.names]
     return labels.renamed(["" if name.lower() in GOOD_FLAGS else name for name in names])
 
 
 def _check_finite(table: Table, number: Mapping[str, FloatArray], good: BoolArray) -> None:
     for name in NUMBERS:
-        if (row := _first(np.isinf(number[name]))) is not None:
+        if name in table.number and (row := _first(np.isinf(number[name]))) is not None:
             raise table.fail(row, f"{name} is infinite, expected a finite number")
     # a flagged reading may lack what could not be measured, but it has its place in time
     for name, needed in (("time_s", np.ones_like(good)), ("temp_c", good), ("output", good)):
@@ -127,8 +135,27 @@ def _check_temperatures(table: Table, number: Mapping[str, FloatArray]) -> None:
             raise table.fail(row, f"{name} {values[row]:g}, expected {lo:g} to {hi:g} °C")
 
 
+def _check_sizes(
+    table: Table, number: Mapping[str, FloatArray], scale: OutputScale, good: BoolArray
+) -> None:
+    """Refuse what no instrument gives: its square or its products would overflow in a fit."""
+    for name, most in LARGEST.items():
+        size = np.abs(number[name]) if name in table.number else np.zeros(1)
+        if (row := _first(size > most)) is not None:
+            raise table.fail(row, f"{name} {number[name][row]:g}, expected {most:g} at most")
+    output = number["output"]
+    too_large = np.abs(output) > LARGEST_OUTPUT_G * abs(scale.nominal_scale)
+    if (row := _first(too_large & good)) is not None:
+        raise table.fail(
+            row,
+            f"output {output[row]:g} {scale.output_unit} at nominal_scale {scale.nominal_scale:g} "
+            f"is more than {LARGEST_OUTPUT_G:g} g, beyond any instrument; flag the reading or "
+            "mend the scale",
+        )
+
+
 def _check_time(table: Table, run: Labels, serial: Labels) -> None:
-    key = run.codes * len(serial.names) + serial.codes
+    key = pair_keys(run, serial)
     order = np.argsort(key, kind="stable")
     time_s = table.number["time_s"][order]
     stuck = (np.diff(key[order]) == 0) & ~(np.diff(time_s) > 0)
@@ -160,7 +187,7 @@ def _check_input(table: Table, run: Labels, serial: Labels, good: BoolArray) -> 
         raise table.fail(row, "a_i_g, a_p_g, a_o_g are given in part, expected all of them or none")
     position = table.number.get("position_deg")
     known = complete if position is None else complete | ~np.isnan(position)
-    key = run.codes * len(serial.names) + serial.codes
+    key = pair_keys(run, serial)
     somewhere = np.zeros(len(run.names) * len(serial.names), dtype=np.bool_)
     somewhere[key[known & good]] = True
     if (row := _first(somewhere[key] & ~known & good)) is not None:

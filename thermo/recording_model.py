@@ -5,87 +5,38 @@ the outputs mean (unit, gravity, nominal scale) comes from the file and is kept 
 (run, serial), so that files of different makers can be joined and still be told apart.
 """
 
-import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import datetime
 from types import MappingProxyType
-from typing import Literal, TypeAlias
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike, NDArray
 
+from errormodel.arrays import constant, readonly, sealed
 from errormodel.errors import InputError
-
-FloatArray: TypeAlias = NDArray[np.float64]
-BoolArray: TypeAlias = NDArray[np.bool_]
-IntArray: TypeAlias = NDArray[np.int64]
-OutputUnit: TypeAlias = Literal["mA", "V", "m/s2", "g", "count"]
+from thermo.labels import BoolArray, FloatArray, IntArray, Labels, pairs, present_only
+from thermo.output_scale import OutputScale, OutputUnit
+from thermo.recording_digest import RunDigest
 
 REQUIRED = ("run", "serial", "time_s", "temp_c", "output")
 FORCES = ("a_i_g", "a_p_g", "a_o_g")
 NUMBERS = ("time_s", "temp_c", "position_deg", "output", "chamber_c", *FORCES)
 COLUMNS = ("run", "serial", "time_s", "temp_c", "position_deg", "output", "chamber_c", *FORCES)
 GOOD_FLAGS = frozenset({"", "0", "0.0", "ok"})
+PIECE = 1 << 17  # readings that are written or digested at a time: some 15 MB
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class OutputScale:
-    """What an output is measured in: `nominal_scale` is `output_unit` per g."""
-
-    output_unit: OutputUnit
-    gravity_m_s2: float
-    nominal_scale: float
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Labels:
-    """A column of few distinct texts: `names[codes[i]]` stands in row i."""
-
-    codes: IntArray
-    names: tuple[str, ...]
-
-    @classmethod
-    def of(cls, values: ArrayLike) -> "Labels":
-        """Encode values as texts, a missing one as "", names in order of first appearance."""
-        found, uniques = pd.factorize(np.asarray(values, dtype=object))
-        names = [str(value) for value in uniques]
-        if (found < 0).any():
-            found = np.where(found < 0, len(names), found)
-            names.append("")
-        return cls(found.astype(np.int64), tuple(names)).renamed(names)
-
-    def renamed(self, new_names: Sequence[str]) -> "Labels":
-        """Put another text for each name; names that become equal become one."""
-        names = tuple(dict.fromkeys(new_names))
-        table = np.array([names.index(name) for name in new_names], dtype=np.int64)
-        return Labels(table[self.codes], names)
-
-    @classmethod
-    def join(cls, parts: Sequence["Labels"]) -> "Labels":
-        """Put columns below one another."""
-        names = tuple(dict.fromkeys(name for part in parts for name in part.names))
-        index = {name: i for i, name in enumerate(names)}
-        tables = [np.array([index[n] for n in part.names], dtype=np.int64) for part in parts]
-        return cls(np.concatenate([t[p.codes] for t, p in zip(tables, parts, strict=True)]), names)
-
-    def at(self, row: int) -> str:
-        """Return the text of one row."""
-        return self.names[int(self.codes[row])]
-
-    def text(self) -> NDArray[np.object_]:
-        """Return the texts of all rows, shape (n,)."""
-        return np.array(self.names, dtype=object)[self.codes]
-
-    def take(self, rows: BoolArray | IntArray) -> "Labels":
-        """Return the column of some rows, without the names that no longer occur."""
-        codes = self.codes[rows]
-        used, first = np.unique(codes, return_index=True)
-        used = used[np.argsort(first)]
-        table = np.full(len(self.names), -1, dtype=np.int64)
-        table[used] = np.arange(len(used))
-        return Labels(table[codes], tuple(self.names[int(i)] for i in used))
+__all__ = [
+    "BoolArray",
+    "FloatArray",
+    "IntArray",
+    "Labels",
+    "OutputScale",
+    "OutputUnit",
+    "RecordedRuns",
+    "pairs",
+    "present_only",
+]
 
 
 def _no_starts() -> Mapping[str, datetime]:
@@ -143,9 +94,7 @@ class RecordedRuns:
 
     def __post_init__(self) -> None:
         for name in ("time_s", "temp_c", "position_deg", "output", "chamber_c", "a_g"):
-            array = np.array(getattr(self, name), dtype=np.float64)
-            array.flags.writeable = False
-            object.__setattr__(self, name, array)
+            object.__setattr__(self, name, readonly(getattr(self, name)))
         for labels in (self.run, self.serial, self.flag):
             labels.codes.flags.writeable = False
         object.__setattr__(self, "scales", MappingProxyType(dict(self.scales)))
@@ -212,8 +161,9 @@ class RecordedRuns:
                 self.source, "", "has neither position_deg nor a_i_g, a_p_g, a_o_g: input unknown"
             )
         given = self._given()
-        from_head = head_force_g(self.position_deg + self._turned_deg())
-        return np.where(given[:, None], np.nan_to_num(self.a_g, nan=0.0), from_head)
+        force = head_force_g(self.position_deg + self._turned_deg())
+        force[given] = np.nan_to_num(self.a_g[given], nan=0.0)
+        return force
 
     def scale_of(self, run: str, serial: str) -> OutputScale:
         """Return what the outputs of an accelerometer in a run are measured in."""
@@ -253,12 +203,12 @@ class RecordedRuns:
             run=run,
             serial=serial,
             flag=self.flag.take(rows),
-            time_s=self.time_s[rows],
-            temp_c=self.temp_c[rows],
-            position_deg=self.position_deg[rows],
-            output=self.output[rows],
-            chamber_c=self.chamber_c[rows],
-            a_g=self.a_g[rows],
+            time_s=sealed(self.time_s[rows]),
+            temp_c=sealed(self.temp_c[rows]),
+            position_deg=sealed(self.position_deg[rows]),
+            output=sealed(self.output[rows]),
+            chamber_c=sealed(self.chamber_c[rows]),
+            a_g=nothing(len(run.codes)) if self.a_g.strides == (0, 0) else sealed(self.a_g[rows]),
             scales={key: self.scales[key] for key in pairs(run, serial)},
             run_start_utc={r: t for r, t in self.run_start_utc.items() if r in run.names},
             mount_deg=present_only(self.mount_deg, run, serial),
@@ -279,35 +229,41 @@ class RecordedRuns:
         It is the same whatever the file format, the order of the accelerometers in the file and
         the name of the run: a run copied under another name is found out.
         """
-        part = self.select(runs=[run])
-        total = hashlib.sha256(b"accelbench recorded run 1\n")
-        for serial in sorted(part.serials):
-            one = part.select(serial)
-            scale = one.scale_of(run, serial)
-            head = (serial, scale.output_unit, scale.gravity_m_s2.hex(), scale.nominal_scale.hex())
-            head += tuple(turned.hex() for turned in one.mount_deg.values())
-            total.update("\t".join((*head, str(len(one)))).encode() + b"\n")
-            numbers = np.column_stack(
-                [one.time_s, one.temp_c, one.position_deg, one.output, one.chamber_c, one.a_g]
-            )
-            numbers = np.where(np.isnan(numbers), np.nan, numbers) + 0.0  # one NaN, no minus zero
-            total.update(numbers.astype("<f8").tobytes())
-            total.update("\n".join(one.flag.text().tolist()).encode() + b"\n")
-        return total.hexdigest()
+        of_run = np.flatnonzero(self.run.codes == self._index(self.run_ids, run, "run"))
+        serial_codes = self.serial.codes[of_run]
+        digest = RunDigest()
+        present: list[int] = np.unique(serial_codes).tolist()
+        for code in sorted(present, key=self.serials.__getitem__):
+            rows, serial = of_run[serial_codes == code], self.serials[code]
+            turned = self.mount_deg.get((run, serial), 0.0)
+            digest.begin(serial, self.scale_of(run, serial), turned, rows.size)
+            for begin in range(0, rows.size, PIECE):
+                some = rows[begin : begin + PIECE]
+                flags = self.flag.texts_of(some)
+                digest.add([n[some] for n in self.numbers().values()], flags)
+        return digest.hexdigest()
 
     def frame(self) -> pd.DataFrame:
         """Return a copy as a table with the columns of the file format that are in use."""
-        columns: dict[str, object] = {"run": self.run.text(), "serial": self.serial.text()}
-        numbers = self._numbers()
-        for name in NUMBERS:
-            if name in REQUIRED or not np.all(np.isnan(numbers[name])):
-                columns[name] = numbers[name].copy()
-        if not self.good.all():
-            columns["flag"] = self.flag.text()
-        order = [name for name in (*COLUMNS, "flag") if name in columns]
-        return pd.DataFrame({name: columns[name] for name in order})
+        return self.frame_of(slice(None), self.columns_in_use())
 
-    def _numbers(self) -> dict[str, FloatArray]:
+    def columns_in_use(self) -> tuple[str, ...]:
+        """Return which columns of the file format hold anything."""
+        numbers = self.numbers()
+        used = [n for n in NUMBERS if n in REQUIRED or not np.all(np.isnan(numbers[n]))]
+        used += ["run", "serial"] + ([] if self.good.all() else ["flag"])
+        return tuple(name for name in (*COLUMNS, "flag") if name in used)
+
+    def frame_of(self, rows: slice, names: Sequence[str]) -> pd.DataFrame:
+        """Return a copy of some rows and columns as a table."""
+        texts = {"run": self.run, "serial": self.serial, "flag": self.flag}
+        numbers = self.numbers()
+        return pd.DataFrame(
+            {n: texts[n].text(rows) if n in texts else numbers[n][rows].copy() for n in names}
+        )
+
+    def numbers(self) -> dict[str, FloatArray]:
+        """Return the columns of numbers by name, in the order of `NUMBERS`."""
         numbers = {name: getattr(self, name) for name in NUMBERS if name not in FORCES}
         return numbers | {name: self.a_g[:, i] for i, name in enumerate(FORCES)}
 
@@ -345,21 +301,14 @@ def head_force_g(position_deg: FloatArray) -> FloatArray:
     that is zero at every position is then seen to be zero.
     """
     turned = np.deg2rad(position_deg)
-    return np.round(np.column_stack([np.sin(turned), np.cos(turned), 0.0 * turned]), 15)
+    force = np.empty((turned.size, 3))
+    np.sin(turned, out=force[:, 0])
+    np.cos(turned, out=force[:, 1])
+    np.multiply(turned, 0.0, out=force[:, 2])
+    np.round(force, 15, out=force)
+    return force
 
 
-def present_only(
-    mount_deg: Mapping[tuple[str, str], float], run: Labels, serial: Labels
-) -> dict[tuple[str, str], float]:
-    """Return the turned mountings of the (run, serial) that occur."""
-    there = set(pairs(run, serial))
-    return {key: angle for key, angle in mount_deg.items() if angle and key in there}
-
-
-def pairs(run: Labels, serial: Labels) -> list[tuple[str, str]]:
-    """Return the (run, serial) that occur."""
-    keys = np.unique(run.codes * len(serial.names) + serial.codes)
-    return [
-        (run.names[int(k) // len(serial.names)], serial.names[int(k) % len(serial.names)])
-        for k in keys
-    ]
+def nothing(n: int) -> FloatArray:
+    """Return forces (n, 3) of which none was given, without room for them."""
+    return np.broadcast_to(constant(np.nan, 1), (n, 3))

@@ -1,9 +1,12 @@
 """Writing recorded runs: whole or not at all, and exact to the last bit."""
 
+from collections.abc import Mapping
+from datetime import datetime
 from pathlib import Path
 
 from errormodel.table_write import write_with_sidecar
-from thermo.recording_model import RecordedRuns
+from thermo.output_scale import OutputScale
+from thermo.recording_model import PIECE, RecordedRuns
 
 
 def write_runs(record: RecordedRuns, path: Path | str) -> None:
@@ -17,7 +20,10 @@ def write_runs(record: RecordedRuns, path: Path | str) -> None:
     InputError
         If the suffix is another, the units in the record differ, or the file cannot be written.
     """
-    write_with_sidecar(record.frame(), sidecar_text(record), Path(path))
+    names = record.columns_in_use()
+    begins = range(0, len(record), PIECE)
+    pieces = (record.frame_of(slice(k, k + PIECE), names) for k in begins)
+    write_with_sidecar(pieces, sidecar_text(record), Path(path))
 
 
 def sidecar_text(record: RecordedRuns) -> str:
@@ -28,18 +34,30 @@ def sidecar_text(record: RecordedRuns) -> str:
     InputError
         If the units in the record differ.
     """
+    scale = OutputScale(
+        output_unit=record.output_unit,
+        gravity_m_s2=record.gravity_m_s2,
+        nominal_scale=record.nominal_scale,
+    )
+    return sidecar_of(scale, record.run_start_utc, record.mount_deg)
+
+
+def sidecar_of(
+    scale: OutputScale,
+    run_start_utc: Mapping[str, datetime],
+    mount_deg: Mapping[tuple[str, str], float],
+) -> str:
+    """Return what stands in a sidecar; mountings by (run, serial)."""
     lines = [
-        f"output_unit = {_quoted(record.output_unit)}",
-        f"gravity_m_s2 = {record.gravity_m_s2!r}",
-        f"nominal_scale = {record.nominal_scale!r}",
+        f"output_unit = {_quoted(scale.output_unit)}",
+        f"gravity_m_s2 = {scale.gravity_m_s2!r}",
+        f"nominal_scale = {scale.nominal_scale!r}",
     ]
-    if record.run_start_utc:
+    if run_start_utc:
         lines += ["", "[run_start_utc]"]
-        lines += [
-            f"{_quoted(r)} = {_quoted(t.isoformat())}" for r, t in record.run_start_utc.items()
-        ]
-    for run in dict.fromkeys(run for run, _ in record.mount_deg):
-        of_run = {s: angle for (r, s), angle in record.mount_deg.items() if r == run}
+        lines += [f"{_quoted(r)} = {_quoted(t.isoformat())}" for r, t in run_start_utc.items()]
+    for run in dict.fromkeys(run for run, _ in mount_deg):
+        of_run = {s: angle for (r, s), angle in mount_deg.items() if r == run}
         lines += ["", f"[mount_deg.{_quoted(run)}]"]
         lines += [f"{_quoted(serial)} = {angle!r}" for serial, angle in of_run.items()]
     return "\n".join(lines) + "\n"

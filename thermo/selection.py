@@ -2,13 +2,14 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
-from errormodel.arrays import FloatArray, IntArray
-from errormodel.compressed import compress, solve_compressed
+from errormodel.arrays import FloatArray
+from errormodel.compressed import compress, compressed, solve_compressed, triangle_of
 from errormodel.errors import InputError
-from errormodel.fit import examine, fit
+from errormodel.fit import examine, fit, whitened_products
 from errormodel.model import ErrorModel
 from errormodel.noise import NoiseModel
 from thermo.inputs import Channel
@@ -196,7 +197,7 @@ def separable_names(channel: Channel) -> tuple[tuple[str, ...], tuple[str, ...]]
     return tuple(kept), tuple(n for n in order if n not in kept)
 
 
-def _pieces(channel: Channel, full: ErrorModel) -> tuple[list[IntArray], str]:
+def _pieces(channel: Channel, full: ErrorModel) -> tuple[list[slice], str]:
     """Return the sets of readings to hold out in turn, and what they are in words.
 
     Runs are held out where the others can give the whole model without each of them.
@@ -212,26 +213,32 @@ def _pieces(channel: Channel, full: ErrorModel) -> tuple[list[IntArray], str]:
         if examine(full, channel.record.take(rest), start).confounded:
             lone = channel.run_ids[number]
             return _tenths(channel), f"each tenth of the readings in turn: run {lone} has no like"
-    return [np.flatnonzero(runs == r) for r in range(count)], "each run in turn"
+    return list(channel.record.run_slices), "each run in turn"
 
 
-def _tenths(channel: Channel) -> list[IntArray]:
-    parts = np.array_split(np.arange(len(channel.record)), PIECES)
-    return [np.asarray(p, dtype=np.intp) for p in parts]
+def _tenths(channel: Channel) -> list[slice]:
+    whole, more = divmod(len(channel.record), PIECES)
+    edges = [k * whole + min(k, more) for k in range(PIECES + 1)]
+    return [slice(a, b) for a, b in pairwise(edges)]
 
 
 class _Folded:
     """The largest model's products, compressed for each held-out piece once."""
 
     def __init__(
-        self, full: ErrorModel, channel: Channel, noise: NoiseModel, pieces: Sequence[IntArray]
+        self, full: ErrorModel, channel: Channel, noise: NoiseModel, pieces: Sequence[slice]
     ) -> None:
         self.full = full
-        record = channel.record
-        products = full.design(record, full.start_values())[0].products()
-        joint = noise.whiten(record, np.column_stack([products, np.asarray(record.output)]))
-        self.parts = [compress(joint[p, :-1], joint[p, -1:]) for p in pieces]
-        self.n = sum(len(p) for p in pieces)
+        record, output = channel.record, np.asarray(channel.record.output)
+        triangles: list[FloatArray | None] = [None] * len(pieces)
+        for rows, joint in whitened_products(full, record, output, noise, full.start_values()):
+            for k, piece in enumerate(pieces):  # in order, and together the whole record
+                a, b = max(piece.start, rows.start), min(piece.stop, rows.stop)
+                if a < b:
+                    mine = joint[a - rows.start : b - rows.start]
+                    triangles[k] = triangle_of(mine, triangles[k])
+        self.parts = [compressed(t) for t in triangles if t is not None]
+        self.n = len(record)
 
     def costs(self, model: ErrorModel) -> tuple[float, float]:
         """Return the sum of squares of a smaller model in the fit, and held out."""

@@ -137,18 +137,29 @@ class Sampling(_Section):
 class Limits(_Section):
     """What ends the test safely.
 
+    Every limit has a bound beyond which it would protect nobody; `thermo.plan_bounds` holds them,
+    so that a test stored before there was a bound can still be read.
+
     Attributes
     ----------
     chamber_c, accelerometer_c : pair of float or None
         Allowed temperatures of the chamber and of each accelerometer's thermistor; None takes
         the station's limits for the chamber, widened by 10 °C for the accelerometers. The
-        chamber's reading may overshoot by `max_deviation_c`, its set point never does.
+        chamber's reading may overshoot by `max_deviation_c`, 5 °C at most, its set point never
+        does.
     max_deviation_c, max_deviation_min : float
         The chamber may be this far from the programme, for this long at a stretch.
     stuck_c : float
         The programme may move this far without the chamber's reading moving at all.
     max_failures, max_failure_s : int, float
         An instrument may fail this often in a row, and for this long.
+    max_thermistor_losses : int
+        An accelerometer's thermistor may give no reading this often in a row: then its
+        temperature is no longer limited. One may be a contact, two a contact and its bouncing.
+    on_thermistor_lost : str
+        "end" the test then, or "pause" it until the operator resumes.
+    max_bad_share : float
+        Of an accelerometer's slots so many may be missed or flagged in a test that is clean.
     """
 
     chamber_c: tuple[Temp, Temp] | None = None
@@ -158,6 +169,9 @@ class Limits(_Section):
     stuck_c: Annotated[float, Strict(), Field(gt=0, allow_inf_nan=False)] = 3.0
     max_failures: Count = 5
     max_failure_s: Annotated[float, Strict(), Field(gt=0, allow_inf_nan=False)] = 300.0
+    max_thermistor_losses: Annotated[int, Strict(), Field(ge=1, le=1000)] = 3
+    on_thermistor_lost: Literal["end", "pause"] = "end"
+    max_bad_share: Annotated[float, Strict(), Field(ge=0, le=0.5)] = 0.1
 
     @model_validator(mode="after")
     def _check(self) -> "Limits":

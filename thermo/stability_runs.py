@@ -162,7 +162,7 @@ def fit_run_by_run(joint: AccelerometerFit, order: Sequence[str]) -> RunByRun:
 def directions(channel: Channel) -> IntArray:
     """Return heating, cooling or hold for each reading; all hold where nothing moves."""
     still = float(np.ptp(channel.temp_c)) < STILL_C
-    return np.zeros_like(channel.direction) if still else channel.direction
+    return (np.zeros_like(channel.direction) if still else channel.direction).astype(np.intp)
 
 
 def _free_model(model: ErrorModel, part: Channel, serial: str) -> ErrorModel:

@@ -17,13 +17,15 @@ from thermo.plan import Plan, make_plan
 from thermo.run_in_station import decide_run_in
 from thermo.sequence import Sequence, parse_sequence, sequence_toml
 from thermo.station_journal import Journal
+from thermo.station_quality import find_bad_shares
 from thermo.station_reading import inputs_of, scan_channels
-from thermo.station_resume import ResumePoint, find_resume_point
+from thermo.station_resume import ResumePoint, find_resume_point, is_own
 from thermo.station_run import Run
 from thermo.station_safe import clean_up, one_line, safe_json
-from thermo.station_session import Session
+from thermo.station_session import Heartbeat, Session, no_heartbeat
 from thermo.station_types import (
     GO_ON,
+    ChamberOccupiedError,
     Decision,
     EndedError,
     Observer,
@@ -58,13 +60,17 @@ def run_test(
     observers: Many[Observer] = (),
     control: RunControl | None = None,
     before_command: Callable[[str], None] | None = None,
+    take_over: bool = False,
+    heartbeat: Heartbeat = no_heartbeat,
 ) -> TestOutcome:
     """Run a test sequence, or go on with an interrupted one.
 
     However it ends (at its end, by a limit, a lost instrument, the operator, a signal or any
     exception), the chamber is put into its safe condition and that is verified, the head is
-    stopped, and both are stored with the test. Signals are the caller's business: turn them into
-    `RunControl.abort`, as `thermo.station_shell.run_on_station` does.
+    stopped, and both are stored with the test. What this sitting has not commanded is not
+    written to: a resumed test too takes charge of the chamber with its first command. Signals are
+    the caller's business: turn them into `RunControl.abort`, as
+    `thermo.station_shell.run_on_station` does.
 
     Parameters
     ----------
@@ -82,6 +88,11 @@ def run_test(
     before_command : callable, optional
         Called with the test's id before the chamber is told anything; what it raises ends the
         test. The guardian is started here.
+    take_over : bool
+        Whether a chamber that somebody else uses is taken over; it is an event of the test.
+    heartbeat : callable
+        Called around every call of an instrument, in every slice of a wait and in the clean-up.
+        What it raises ends the test; what it returns becomes events.
 
     Returns
     -------
@@ -93,6 +104,8 @@ def run_test(
         When the station cannot do what the sequence asks; nothing was commanded or stored.
     StoreError
         When the test cannot be begun or resumed; nothing was commanded.
+    ChamberOccupiedError
+        When somebody else uses the chamber; nothing was commanded or stored.
     """
     if resume is not None:
         sequence = stored_sequence(store, resume, sequence)
@@ -103,12 +116,13 @@ def run_test(
         store.claim(resume)
         try:
             find_resume_point(store, resume, plan, clock)
-            store.reopen_test(resume)
         except BaseException:
             store.claim(resume).release()
             raise
-    test = _Test(plan, station, store, clock, Observers(observers), control or RunControl())
-    return test.run(resume, before_command)
+    test = _Test(
+        plan, station, store, clock, Observers(observers), control or RunControl(), heartbeat
+    )
+    return test.run(resume, before_command or (lambda _: None), take_over=take_over)
 
 
 def stored_sequence(store: Store, test_id: str, given: Sequence | None = None) -> Sequence:
@@ -130,6 +144,7 @@ class _Test:
         clock: Clock,
         observers: Observers,
         control: RunControl,
+        heartbeat: Heartbeat,
     ) -> None:
         self._plan = plan
         self._station = station
@@ -137,16 +152,27 @@ class _Test:
         self._clock = clock
         self._observers = observers
         self._control = control
+        self._heartbeat = heartbeat
         self._test_id = ""
         self._resumed = False
         self._session: Session | None = None
 
-    def run(self, resume: str | None, before_command: Callable[[str], None] | None) -> TestOutcome:
+    def run(
+        self, resume: str | None, before_command: Callable[[str], None], *, take_over: bool
+    ) -> TestOutcome:
         end = _End()
         self._test_id, self._resumed = resume or "", resume is not None
         try:
-            end.reason = self._procedure(resume, before_command or (lambda _: None))
+            identities = self._station.identify()
+            occupied = self._occupation(take_over=take_over)
+            session, point = self._begin(identities)
+            for text in occupied:
+                session.journal.event("take-over", text)
+            end.reason = self._procedure(session, point, before_command)
             end.status = "finished"
+        except ChamberOccupiedError as err:
+            end.reason = one_line(err)
+            raise
         except EndedError as err:
             end.status, end.reason = err.status, one_line(err)
         except (KeyboardInterrupt, SystemExit) as err:
@@ -163,37 +189,65 @@ class _Test:
 
     # ---- the procedure ----
 
-    def _procedure(self, resume: str | None, before_command: Callable[[str], None]) -> str:
-        """Do what is left of the test, and return why it is done."""
+    def _occupation(self, *, take_over: bool) -> tuple[str, ...]:
+        """Return what the chamber is found to do; raise when it may be somebody else's."""
+        occupied = self._station.chamber.read_occupation()
+        if not occupied or take_over:
+            return occupied
+        if self._resumed and is_own(
+            occupied, self._store, self._test_id, self._plan, self._station
+        ):
+            return tuple(f"{text}, as this test left it" for text in occupied)
+        raise ChamberOccupiedError(
+            f"chamber {self._station.config.chamber.url}: {'; '.join(occupied)}; nothing was "
+            "commanded. Free it at its panel, or start with --take-over"
+        )
+
+    def _begin(self, identities: dict[str, str]) -> tuple[Session, ResumePoint | None]:
+        """Enter the test, or its resumption, into the store, and find where it begins."""
         station, plan = self._station, self._plan
-        identities = station.identify()
-        inputs = inputs_of(plan.sequence, station.config)
-        channels = scan_channels(inputs)
+        channels = scan_channels(inputs_of(plan.sequence, station.config))
         station.digitiser.configure(channels, nplc=station.config.digitiser.nplc)
-        settings = {"identity": identities, **station.read_settings()}
-        if not resume:
+        if self._resumed:
+            self._store.reopen_test(self._test_id)
+        else:
             self._test_id = self._store.begin_test(
                 NewTest(
                     name=plan.sequence.name,
                     sequence_toml=sequence_toml(plan.sequence),
                     station_json=station.config.model_dump_json(),
                     versions=_versions(),
-                    settings=settings,
+                    settings={"identity": identities, **station.read_settings()},
                 )
             )
         journal = Journal(self._store, self._test_id, self._observers, self._clock)
-        session = Session(plan, station, self._clock, journal, self._control)
+        session = Session(plan, station, self._clock, journal, self._control, self._heartbeat)
         self._session = session
-        if resume:
+        if self._resumed:
             journal.event("resumed", f"on {station.config.chamber.url}")
             point = find_resume_point(self._store, self._test_id, plan, self._clock)
         else:
             journal.event("begun", f"{plan.runs} runs of {plan.slots} slots")
             point = ResumePoint(run=1)
-        if point is not None:
-            before_command(self._test_id)
-            return self._runs(session, point, pause_first=bool(resume) and point.run > 1)
-        return self._decide(session, plan.runs).reason
+        return session, point
+
+    def _procedure(
+        self, session: Session, point: ResumePoint | None, before_command: Callable[[str], None]
+    ) -> str:
+        """Do what is left of the test, and return why it is done."""
+        before_command(self._test_id)
+        if point is None:
+            reason = self._decide(session, self._plan.runs).reason
+        else:
+            first = self._resumed and point.run > 1
+            reason = self._runs(session, point, pause_first=first)
+        session.commanded = True  # the safe end belongs to the test, also if nothing else was left
+        for text in find_bad_shares(self._store, self._test_id, self._plan, session.beat):
+            session.journal.complain(text)
+        complaints = session.journal.complaints
+        for text in complaints:
+            session.journal.event("complaint", text)
+        return f"{reason}, with {len(complaints)} complaints" if complaints else reason
 
     def _decide(self, session: Session, number: int) -> Decision:
         """Decide, from what is stored, whether the test goes on after a run."""
@@ -253,9 +307,7 @@ class _Test:
         journal.event(
             "power off", f"rest of {plan.rest_s / 3600:g} h at {plan.rest_temp_c:g} °C begins"
         )
-        session.go_to(plan.rest_temp_c, "rest", left_s + plan.rest_s)
-        stay_s = max(0.0, end_s - self._clock.now_s())
-        session.stay(plan.rest_temp_c, "rest", stay_s, left_s)
+        session.go_to(plan.rest_temp_c, "rest", left_s, until_s=end_s)
         journal.event("power on", "the rest is over")
 
     # ---- the end ----
@@ -267,9 +319,13 @@ class _Test:
             station.head,
             station.config.chamber.safe_temp_c,
             self._clock,
-            commanded=self._resumed or (session is not None and session.commanded),
+            chamber_commanded=session is not None and session.commanded,
+            head_commanded=session is not None and session.head_commanded,
+            heartbeat=self._heartbeat,
         )
-        if not done.chamber.verified:
+        if done.fenced:
+            end.status, end.reason = "failed", done.fenced
+        if done.chamber.commanded and not done.chamber.verified:
             log.error("the chamber's safe condition is not verified: %s", done.chamber.steps)
         reason = self._record(end, done.chamber)
         return TestOutcome(
@@ -281,20 +337,23 @@ class _Test:
             readings=session.journal.readings if session else 0,
             skipped=session.journal.skipped if session else 0,
             flagged=session.journal.flagged if session else 0,
+            complaints=tuple(session.journal.complaints) if session else (),
         )
 
     def _record(self, end: _End, safe: SafeResult) -> str:
         """Store how the test ended, and return why; a store that refuses becomes part of that."""
-        if not self._test_id:
+        session = self._session
+        if session is None:  # it was not begun, or is what it was before it was to be resumed
+            if self._resumed:
+                self._store.claim(self._test_id).release()
             return end.reason
         try:
-            session = self._session
-            if session is not None:
-                session.journal.event(
-                    "safe" if safe.verified else "not safe", "; ".join(safe.steps)
-                )
-                for name, device in self._station.devices.items():
-                    session.journal.event("link", f"{name}: {device.counters}")
+            kind = "safe" if safe.verified else "not safe"
+            session.journal.event(
+                kind if safe.commanded else "not commanded", "; ".join(safe.steps)
+            )
+            for name, device in self._station.devices.items():
+                session.journal.event("link", f"{name}: {device.counters}")
             self._mark_open_runs(end.status)
             self._store.finish_test(self._test_id, end.status, end.reason, safe_json(safe))
         except BaseException as err:

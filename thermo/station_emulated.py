@@ -20,15 +20,17 @@ from thermo.store import ReadingRow
 from thermo.store_files import open_existing_store
 from thermo.twin import Twin, make_plant
 
-MAX_EMULATED = 99  # the emulated multimeter's channels 101…199 and 201…299
+# the emulated multimeter has three modules of 20 channels: outputs on the first, thermistors on
+# the second, and the third shared by both
+MAX_EMULATED = 30
 
 
 def default_station(sequence: Sequence) -> StationConfig:
     """Return the emulated station a sequence runs on when none is given.
 
     A Watlow F4T over TCP on a free port, multimeter and head on pseudo-terminals, and the
-    accelerometers wired in the sequence's order: outputs in mA over 1 kΩ on channels 101 and up,
-    thermistors on 201 and up.
+    accelerometers wired in the sequence's order: outputs in mA over 1 kΩ on channels 101 to 120 and
+    301 to 310, thermistors on 201 to 220 and 311 to 320.
 
     Raises
     ------
@@ -39,7 +41,11 @@ def default_station(sequence: Sequence) -> StationConfig:
         problem = f"{len(sequence.accelerometers)} are too many to emulate, at most {MAX_EMULATED}"
         raise InputError(sequence.name, "accelerometers", problem)
     inputs = tuple(
-        InputConfig(serial=a.serial, output_channel=101 + k, thermistor_channel=201 + k)
+        InputConfig(
+            serial=a.serial,
+            output_channel=101 + k if k < 20 else 281 + k,
+            thermistor_channel=201 + k if k < 20 else 291 + k,
+        )
         for k, a in enumerate(sequence.accelerometers)
     )
     return StationConfig(
@@ -110,6 +116,7 @@ def run_emulated(
     resume: str | None = None,
     observers: Many[Observer] = (),
     control: RunControl | None = None,
+    take_over: bool = False,
 ) -> TestOutcome:
     """Run a test on emulated instruments in this process, over real sockets and terminals.
 
@@ -128,7 +135,7 @@ def run_emulated(
         Of the twin.
     clock : Clock, optional
         A `SteppedClock` if not given: the night passes as fast as the machine can compute it.
-    resume, observers, control
+    resume, observers, control, take_over
         As for `run_on_station`. There is no guardian: the chamber ends with the process.
 
     Returns
@@ -160,4 +167,5 @@ def run_emulated(
             observers=(_PowerSwitch(plant, clock), *observers),
             control=control,
             guard=False,
+            take_over=take_over,
         )

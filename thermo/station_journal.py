@@ -58,6 +58,7 @@ class Journal:
         self.run = 0
         self.start_s = clock.now_s()
         self.readings = self.flagged = self.skipped = 0
+        self.complaints: list[str] = []  # why the test is not to be trusted as it is
         self._observers = observers
         self._clock = clock
 
@@ -75,6 +76,11 @@ class Journal:
         self.store.log_event(self.test_id, self.run or None, time_s, kind, text)
         event = Event(run=self.run, time_s=time_s, kind=kind, text=text)
         self._observers.tell(lambda observer: observer.on_event(event))
+
+    def complain(self, text: str) -> None:
+        """Keep a reason why the test, should it run to its end, is not to be trusted as it is."""
+        if text not in self.complaints:
+            self.complaints.append(text)
 
     def progress(self, progress: Progress) -> None:
         """Show how far the test is; nothing is stored."""

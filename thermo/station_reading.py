@@ -6,11 +6,10 @@ from collections.abc import Sequence
 from drivers.devices import ChannelReading, ScanChannel
 from drivers.station import InputConfig, StationConfig
 from drivers.thermistor import temp_c_from_ohm
+from thermo.plan_bounds import PLAUSIBLE_C
 from thermo.sequence import Sequence as TestSequence
 from thermo.store_records import ReadingRow
 
-# what a thermistor in a chamber can show; beyond it is open, shorted or not connected
-PLAUSIBLE_C = (-120.0, 200.0)
 MA_PER_A = 1000.0
 
 

@@ -1,14 +1,23 @@
 """Where an interrupted test has to go on, read from its store and nothing else."""
 
 import json
+from collections.abc import Sequence as Many
 from dataclasses import dataclass
 from datetime import UTC, datetime
 
 from drivers.clock import Clock
+from drivers.opening import Station
 from errormodel.errors import StoreError
 from thermo.plan import Plan
 from thermo.station_journal import SCHEDULE, ScheduleMark, clock_identity
 from thermo.store import Store
+
+# the kinds of events that tell of a chamber being commanded, and of its being safe
+COMMANDED = frozenset(
+    ("approach", "power off", "segment", "resoak", "gap", "pause", "not safe", "guardian: not safe")
+)
+SAFE = frozenset(("safe", "guardian"))
+NEAR_C = 0.5  # a controller rounds its set points to less
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -108,3 +117,40 @@ def _start_s(plan: Plan, clock: Clock, mark: ScheduleMark, start_utc: str, last_
     since_s *= getattr(clock, "speed", 1.0)
     since_s = max(since_s, last_s + plan.sequence.sampling.period_s)
     return clock.now_s() - since_s
+
+
+def is_own(occupied: Many[str], store: Store, test_id: str, plan: Plan, station: Station) -> bool:
+    """Tell whether what a chamber is found to do is what a test that was killed left behind.
+
+    Of what may occupy a chamber a test leaves only a profile or program, by which some controllers
+    ramp. It is the test's own when the store's last word is a command, not a safe condition, and
+    the set point in force is one that the test could have asked for.
+
+    Parameters
+    ----------
+    occupied : sequence of str
+        What `Chamber.read_occupation` found.
+    store : Store
+    test_id : str
+        The test to go on with.
+    plan : Plan
+        Its plan.
+    station : Station
+        Its instruments; the set point is read.
+
+    Returns
+    -------
+    bool
+
+    Raises
+    ------
+    InstrumentError
+        If the set point cannot be read.
+    """
+    if not all("profile" in text or "program" in text for text in occupied):
+        return False
+    words = [e.kind for e in store.events(test_id) if e.kind in COMMANDED | SAFE]
+    if not words or words[-1] in SAFE:
+        return False
+    asked = [plan.sequence.temperature.start_c, plan.rest_temp_c, *(leg.end_c for leg in plan.legs)]
+    return min(asked) - NEAR_C <= station.chamber.read_setpoint_c() <= max(asked) + NEAR_C

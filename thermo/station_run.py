@@ -7,11 +7,14 @@ from drivers.devices import ChannelReading
 from thermo.legs import Leg, commanded_c, leg_at
 from thermo.plan import RunPlan
 from thermo.schedule import Schedule
+from thermo.station_quality import OFF_POSITION_DEG, Quality
 from thermo.station_reading import inputs_of, make_rows
 from thermo.station_resume import ResumePoint
 from thermo.station_session import CHECK_S, Session
+from thermo.station_types import InterferedError, ThermistorLostError
+from thermo.store_records import ReadingRow
 
-OFF_POSITION_DEG = 0.5  # a head this far from where it was sent is sent again
+LOOK_S = 2.0  # no look at the chamber is begun this shortly before something is due
 
 
 class Run:
@@ -36,6 +39,12 @@ class Run:
         self._gap = False  # the next reading is the first after a gap
         self._rejoining = False  # the chamber is on its way back to the programme
         self._turned = False  # the head was sent somewhere since the last reading
+        accelerometers = session.plan.sequence.accelerometers
+        self._quality = Quality(
+            serials=tuple(a.serial for a in accelerometers),
+            mount_deg={a.serial: a.mount_deg for a in accelerometers},
+            max_bad_share=session.plan.sequence.limits.max_bad_share,
+        )
 
     # ---- time ----
 
@@ -81,10 +90,14 @@ class Run:
         """Read every slot that is left."""
         while self._slot < self._plan.slots:
             self._session.control.check()
-            if self._session.control.paused:
-                self._pause()
-            elif self._wait_for_slot():
-                self._take_slot()
+            try:
+                if self._session.control.paused:
+                    self._pause()
+                elif self._wait_for_slot():
+                    self._take_slot()
+            except InterferedError as err:
+                self._rejoining = True
+                self._after_pause(err.began_s)
 
     def _mark(self) -> None:
         self._session.journal.schedule(
@@ -95,19 +108,28 @@ class Run:
 
     def _wait_for_slot(self) -> bool:
         """Wait for the slot, starting the legs that begin before it; False: a pause, or missed."""
-        session, schedule = self._session, self._schedule()
+        schedule = self._schedule()
         deadline_s = schedule.deadline_s(self._slot)
         while (leg := self._leg_due_by(deadline_s - 1e-6)) is not None:
             due_s = schedule.start_s + leg.start_s
-            if not session.sleep_until(due_s, unless_paused=True):
+            if not self._sleep_until(due_s, unless_paused=True):
                 return False
             if not self._start_leg():
                 break
         self._move_head()
         settle_s = self._plan.sequence.sampling.settle_s if self._turned else 0.0
-        if not session.sleep_until(deadline_s - settle_s, unless_paused=True):
+        if not self._sleep_until(deadline_s - settle_s, unless_paused=True):
             return False
         return not self._missed()
+
+    def _sleep_until(self, deadline_s: float, *, unless_paused: bool = False) -> bool:
+        """Wait with a look at the chamber now and then; False when a pause was asked for."""
+        session = self._session
+        while session.look_due_s < deadline_s - LOOK_S:
+            if not session.sleep_until(session.look_due_s, unless_paused=unless_paused):
+                return False
+            session.look_at_chamber(self._commanded_c())
+        return session.sleep_until(deadline_s, unless_paused=unless_paused)
 
     def _missed(self) -> bool:
         """Leave out slots that are wholly missed, or that the head cannot reach any more."""
@@ -118,13 +140,13 @@ class Run:
         if first < self._plan.slots and self._run.position_deg[first] != self._head_deg:
             first += 1
         first = min(first, self._plan.slots)
-        session.journal.skipped += first - self._slot
+        self._skip(first - self._slot)
         session.journal.event("missed", f"slots {self._slot}…{first - 1}: overtaken by the time")
         self._enter(first)
         return True
 
     def _take_slot(self) -> None:
-        session, journal = self._session, self._session.journal
+        session = self._session
         flags = self._settle()
         if self._missed():
             return
@@ -132,16 +154,17 @@ class Run:
         lateness_s = session.clock.now_s() - self._schedule().deadline_s(self._slot)
         scan = session.ask("digitiser", session.station.digitiser.scan)
         position_deg = session.ask("head", session.station.head.read_position_deg)
-        chamber_c = session.ask("chamber", session.station.chamber.read_temp_c)
-        session.chamber_c = chamber_c
+        session.read_chamber()
+        if session.foreign:
+            flags.append("foreign")
         if scan is None or position_deg is None:
-            journal.skipped += 1
-            journal.event("skipped", f"slot {self._slot}: no reading")
+            self._skip(1)
+            session.journal.event("skipped", f"slot {self._slot}: no reading")
         else:
             self._store(scan, scan_s, lateness_s, position_deg, flags)
         slot, segment = self._slot, self._segment
-        session.judge_chamber(self._commanded_c())
         self._enter(self._slot + 1)
+        session.judge_chamber(self._commanded_c())
         if self._slot < self._plan.slots:
             self._move_head()
             if self._leg_due_by(self._schedule().deadline_s(slot)) is not None:
@@ -158,7 +181,7 @@ class Run:
             moving = session.ask("head", session.station.head.is_moving) is not False
             deadline_s = deadline_s if moving else max(deadline_s, settled_s)
             self._turned = moving
-        session.sleep_until(deadline_s)
+        self._sleep_until(deadline_s)
         if moving:  # it was when the settling time began
             still = session.ask("head", session.station.head.is_moving) is not False
             flags.append("moving" if still else "unsettled")
@@ -172,11 +195,13 @@ class Run:
         position_deg: float,
         flags: list[str],
     ) -> None:
-        if self._head_deg is not None and abs(position_deg - self._head_deg) > OFF_POSITION_DEG:
-            self._session.journal.event(
-                "position", f"head at {position_deg:.3f}°, sent to {self._head_deg:.3f}°"
-            )
-            self._head_deg = None
+        if self._head_deg is not None:
+            self._alarm(self._quality.see_head(position_deg, self._head_deg))
+            if abs(position_deg - self._head_deg) > OFF_POSITION_DEG:
+                self._session.journal.event(
+                    "position", f"head at {position_deg:.3f}°, sent to {self._head_deg:.3f}°"
+                )
+                self._head_deg = None
         rows = make_rows(
             scan,
             self._inputs,
@@ -192,10 +217,33 @@ class Run:
         )
         self._session.journal.rows(rows)
         self._gap = False
+        self._alarm(self._quality.see_rows(rows))
+        self._alarm(self._quality.see_shares(rows), complain=False)
         for row in rows:
-            self._session.watch.accelerometer(
-                row.serial, math.nan if row.temp_c is None else row.temp_c
-            )
+            self._watch_accelerometer(row)
+
+    def _watch_accelerometer(self, row: ReadingRow) -> None:
+        session, limits = self._session, self._plan.sequence.limits
+        temp_c = math.nan if row.temp_c is None else row.temp_c
+        chamber_c = math.nan if row.chamber_c is None else row.chamber_c
+        try:
+            session.watch.accelerometer(row.serial, temp_c, chamber_c)
+        except ThermistorLostError as err:
+            if limits.on_thermistor_lost == "end":
+                raise
+            session.journal.event("alarm", str(err))
+            session.control.pause()
+
+    def _alarm(self, found: list[str], *, complain: bool = True) -> None:
+        """Tell at once what is wrong with the instruments; a share is judged again at the end."""
+        for text in found:
+            self._session.journal.event("alarm", text)
+            if complain:
+                self._session.journal.complain(text)
+
+    def _skip(self, slots: int) -> None:
+        self._session.journal.skipped += slots
+        self._alarm(self._quality.see_missed(slots), complain=False)
 
     def _enter(self, slot: int) -> None:
         """Make `slot` the next one to be read."""
@@ -249,7 +297,7 @@ class Run:
         if self._head_deg == target_deg:
             return
         head = self._session.station.head
-        if self._session.tell("head move", partial(head.move_to_deg, target_deg)):
+        if self._session.tell_head(partial(head.move_to_deg, target_deg)):
             self._head_deg = target_deg
             self._turned = True
 
@@ -261,11 +309,21 @@ class Run:
         session.journal.event("pause", f"schedule held before slot {self._slot}, {temp_c:.2f} °C")
         hold = partial(session.station.chamber.hold_temp_c, temp_c)
         told = session.tell_chamber(hold)
-        while session.control.paused:
-            session.sleep_until(session.clock.now_s() + CHECK_S)
-            told = told or session.tell_chamber(hold)
-            session.look_at_chamber(temp_c)
-            session.show("pause", temp_c, self._left_s(), self._slot, self._segment)
+        try:
+            while session.control.paused:
+                session.sleep_until(session.clock.now_s() + CHECK_S)
+                told = told or session.tell_chamber(hold)
+                session.look_at_chamber(temp_c)
+                session.show("pause", temp_c, self._left_s(), self._slot, self._segment)
+        except InterferedError:
+            self._rejoining = True
+        self._after_pause(began_s)
+
+    def _after_pause(self, began_s: float) -> None:
+        """Go on by the sequence's rule for gaps."""
+        session = self._session
+        if self._slot >= self._plan.slots:
+            return
         gap_s = session.clock.now_s() - began_s
         session.journal.event("gap", f"{gap_s:.1f} s of pause before slot {self._slot}")
         rule = self._plan.sequence.after_gap
@@ -281,7 +339,7 @@ class Run:
         self._gap = self._rejoining = True
         first = self._schedule().first_open(self._slot, self._session.clock.now_s())
         first = min(max(first + 1, self._slot), self._plan.slots)
-        self._session.journal.skipped += first - self._slot
+        self._skip(first - self._slot)
         self._enter(first)
         if self._slot >= self._plan.slots:
             return

@@ -6,11 +6,14 @@ from dataclasses import dataclass
 
 from drivers.clock import Clock
 from drivers.devices import Chamber, IndexingHead, SafeResult
+from drivers.errors import FencedError
+from thermo.station_session import Heartbeat, no_heartbeat
 
 log = logging.getLogger(__name__)
 
 RETRY_S = 120.0  # how long a chamber that cannot be made safe is tried again
 PAUSE_S = 5.0  # between two attempts
+SLICE_S = 0.2  # real seconds between two beats while waiting
 MIN_ATTEMPTS = 4  # also where the clock runs so fast that RETRY_S is nothing
 
 
@@ -20,6 +23,7 @@ class CleanUp:
 
     chamber: SafeResult
     head_stopped: bool
+    fenced: str = ""  # why the guardian took the chamber over, when it did
 
 
 def make_chamber_safe(
@@ -29,11 +33,12 @@ def make_chamber_safe(
     *,
     retry_s: float = RETRY_S,
     min_attempts: int = MIN_ATTEMPTS,
+    heartbeat: Heartbeat = no_heartbeat,
 ) -> SafeResult:
     """Put a chamber into the safe condition and verify it, with fresh attempts.
 
-    Nothing but the end of the process stops it: an exception of any kind, a Ctrl-C among them,
-    costs one attempt.
+    Nothing but the end of the process stops it, and a guardian that has taken over: an exception
+    of any other kind, a Ctrl-C among them, costs one attempt.
 
     Parameters
     ----------
@@ -45,32 +50,64 @@ def make_chamber_safe(
         How long to try, s on `clock`.
     min_attempts : int
         At least so many attempts.
+    heartbeat : callable
+        Called before every attempt and in every slice of a wait.
 
     Returns
     -------
     SafeResult
         The verified one, or the last, with a line for every attempt that failed.
+
+    Raises
+    ------
+    FencedError
+        If `heartbeat` finds that the guardian has taken the chamber over.
     """
     steps: list[str] = []
     began_s = clock.now_s()
     attempt = 0
     while True:
         attempt += 1
+        _beat(heartbeat)
         try:
             result = chamber.make_safe(temp_c)
             steps += result.steps
             if result.verified:
                 return SafeResult(verified=True, steps=tuple(steps))
             steps.append(f"attempt {attempt}: not verified")
+        except FencedError as err:
+            return SafeResult(verified=False, steps=(*steps, one_line(err)))
         except BaseException as err:
             steps.append(f"attempt {attempt}: {one_line(err)}")
         log.warning("%s: safe condition not verified, attempt %d", _name(chamber), attempt)
         try:
             if attempt >= min_attempts and clock.now_s() - began_s >= retry_s:
                 return SafeResult(verified=False, steps=tuple(steps))
-            clock.sleep_until_s(clock.now_s() + PAUSE_S)
+            _wait(clock, PAUSE_S, heartbeat)
+        except FencedError:
+            raise
         except BaseException as err:
             steps.append(f"wait after attempt {attempt}: {one_line(err)}")
+
+
+def _beat(heartbeat: Heartbeat) -> None:
+    """Beat; of what comes of it only the guardian's taking over counts here."""
+    try:
+        for line in heartbeat():
+            log.warning("%s", line)
+    except FencedError:
+        raise
+    except BaseException as err:
+        log.warning("%s", one_line(err))
+
+
+def _wait(clock: Clock, wait_s: float, heartbeat: Heartbeat) -> None:
+    speed = getattr(clock, "speed", None)
+    slice_s = wait_s if speed is None else SLICE_S * speed
+    end_s = clock.now_s() + wait_s
+    while (now_s := clock.now_s()) < end_s:
+        clock.sleep_until_s(min(end_s, now_s + slice_s))
+        _beat(heartbeat)
 
 
 def stop_head(head: IndexingHead) -> tuple[bool, str]:
@@ -95,9 +132,18 @@ def stop_head(head: IndexingHead) -> tuple[bool, str]:
 
 
 def clean_up(
-    chamber: Chamber, head: IndexingHead, safe_temp_c: float, clock: Clock, *, commanded: bool
+    chamber: Chamber,
+    head: IndexingHead,
+    safe_temp_c: float,
+    clock: Clock,
+    *,
+    chamber_commanded: bool,
+    head_commanded: bool,
+    heartbeat: Heartbeat = no_heartbeat,
 ) -> CleanUp:
     """Make the chamber safe and stop the head; the chamber first, it is the one that burns.
+
+    What this sitting never commanded may be somebody else's: nothing is written to it.
 
     Parameters
     ----------
@@ -106,26 +152,49 @@ def clean_up(
     safe_temp_c : float
         °C.
     clock : Clock
-    commanded : bool
-        Whether the chamber was told to do anything; if not, a chamber that does not answer is
-        not waited for.
+    chamber_commanded, head_commanded : bool
+        Whether each was told to do anything.
+    heartbeat : callable
+        As for `make_chamber_safe`.
 
     Returns
     -------
     CleanUp
         `chamber.steps` ends with a line about the head.
     """
-    retry_s = RETRY_S if commanded else 0.0
-    safe = make_chamber_safe(chamber, safe_temp_c, clock, retry_s=retry_s)
-    stopped, line = stop_head(head)
+    fenced = ""
+    steps: tuple[str, ...] = ("nothing was written to it",)
+    safe = SafeResult(verified=False, steps=steps, commanded=False)
+    if chamber_commanded:
+        try:
+            safe = make_chamber_safe(chamber, safe_temp_c, clock, heartbeat=heartbeat)
+            _beat(heartbeat)
+        except FencedError as err:
+            fenced = one_line(err)
+            safe = SafeResult(verified=False, steps=(fenced,), commanded=False)
+    stopped, line = stop_head(head) if head_commanded else _see_head(head)
     return CleanUp(
-        chamber=SafeResult(verified=safe.verified, steps=(*safe.steps, line)), head_stopped=stopped
+        chamber=SafeResult(
+            verified=safe.verified, steps=(*safe.steps, line), commanded=safe.commanded
+        ),
+        head_stopped=stopped,
+        fenced=fenced,
     )
+
+
+def _see_head(head: IndexingHead) -> tuple[bool, str]:
+    """Tell, without writing anything, whether a head that was never commanded stands."""
+    try:
+        moving = head.is_moving()
+    except BaseException as err:
+        return False, f"head: not commanded, not seen: {one_line(err)}"
+    return not moving, f"head: not commanded, {'turning' if moving else 'stands'}"
 
 
 def safe_json(safe: SafeResult) -> str:
     """Write a result for the store."""
-    return json.dumps({"verified": safe.verified, "steps": list(safe.steps)}, ensure_ascii=False)
+    data = {"verified": safe.verified, "commanded": safe.commanded, "steps": list(safe.steps)}
+    return json.dumps(data, ensure_ascii=False)
 
 
 def one_line(err: BaseException) -> str:

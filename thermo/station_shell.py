@@ -1,24 +1,30 @@
 """The shell around a chamber test: station files, signals, the guardian."""
 
+import contextlib
 import logging
+import os
+import select
 import signal
+import sys
 import threading
 from collections.abc import Generator
 from collections.abc import Sequence as Many
 from contextlib import ExitStack, contextmanager
-from functools import partial
+from dataclasses import replace
 from pathlib import Path
 from types import FrameType
 
 from drivers.clock import Clock, RealClock
 from drivers.opening import open_station
-from drivers.station import ChamberConfig, StationConfig
+from drivers.station import StationConfig
 from errormodel.files import read_toml
-from thermo.guardian import RETRY_S
-from thermo.guarding import Guardian, collect_result, result_file, wait_for_guardian
+from thermo.guardian_results import collect_result, result_file
+from thermo.guarding import Guard, take_lock
+from thermo.heartbeat import notify_service
 from thermo.plan import make_plan
 from thermo.sequence import Sequence, load_sequence
 from thermo.station import run_test, stored_sequence
+from thermo.station_session import no_heartbeat
 from thermo.station_types import Observer, RunControl, TestOutcome
 from thermo.store import Store, open_store
 
@@ -31,6 +37,12 @@ __all__ = [
 log = logging.getLogger(__name__)
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+# a job in the background that writes to its terminal, or reads from it, is stopped by these
+IGNORED = (signal.SIGTTOU, signal.SIGTTIN)
+REFUSAL = (
+    "accelbench: Ctrl-Z is refused: a stopped controller leaves the chamber alone; "
+    "Ctrl-C ends the test safely"
+)
 
 
 def load_station(path: Path | str) -> StationConfig:
@@ -54,13 +66,15 @@ def run_on_station(
     observers: Many[Observer] = (),
     control: RunControl | None = None,
     guard: bool = True,
-    guard_retry_s: float = RETRY_S,
+    take_over: bool = False,
+    silence_s: float | None = None,
 ) -> TestOutcome:
     """Run a test, or go on with one, on the instruments of a station file.
 
     SIGINT, SIGTERM and SIGHUP end the test safely; given again they change nothing, so that the
-    clean-up is never cut short. A guardian makes the chamber safe should this process be killed,
-    and goes on trying should the clean-up fail.
+    clean-up is never cut short. SIGTSTP (Ctrl-Z) is refused with a line. A guardian makes the
+    chamber safe should this process be killed, hang or be stopped, and goes on trying should the
+    clean-up fail. A test that the guardian had to end has the status "failed".
 
     Parameters
     ----------
@@ -74,9 +88,12 @@ def run_on_station(
     observers, control
         As for `thermo.station.run_test`.
     guard : bool
-        Whether a guardian is started.
-    guard_retry_s : float
-        Real seconds for which the guardian tries a chamber that does not answer.
+        Whether the chamber's lock is taken and a guardian started.
+    take_over : bool
+        As for `thermo.station.run_test`.
+    silence_s : float, optional
+        How long this process may be silent before its guardian takes over, real s; by the station
+        file if not given.
 
     Returns
     -------
@@ -84,8 +101,9 @@ def run_on_station(
 
     Raises
     ------
-    InputError, StoreError, InstrumentError
-        When it cannot be begun; nothing was commanded.
+    InputError, StoreError, InstrumentError, ChamberOccupiedError
+        When it cannot be begun, another process that holds the chamber among the reasons; nothing
+        was commanded.
     """
     clock, control = clock or RealClock(), control or RunControl()
     with ExitStack() as stack:
@@ -99,18 +117,24 @@ def run_on_station(
             sequence = stored_sequence(store, resume, sequence)
             store.claim(resume)
         assert config is not None
-        if guard:
-            wait_for_guardian(config.chamber)
+        sitting = None
+        if guard:  # before anything is opened or written
+            sitting = stack.enter_context(
+                Guard(config, take_lock(config.chamber), limit_s=silence_s)
+            )
         if resume is not None:
             collect_result(store, resume, result_file(store_url, resume))
-        guardians: list[Guardian] = []
+        permit = None if sitting is None else sitting.permit
+        with (
+            signals_to(control),
+            open_station(config, clock=clock, permit=permit) as station,
+        ):
 
-        def start_guardian(chamber: ChamberConfig, test_id: str) -> None:
-            path = result_file(store_url, test_id)
-            guardians.append(Guardian(chamber, path, retry_s=guard_retry_s))
+            def start_guardian(test_id: str) -> None:
+                if sitting is not None:
+                    path = result_file(store_url, test_id)
+                    sitting.start(test_id, station.chamber.recognition, path)
 
-        stack.callback(_hand_over, guardians)
-        with _signals_to(control), open_station(config, clock=clock) as station:
             outcome = run_test(
                 sequence,
                 station,
@@ -119,18 +143,20 @@ def run_on_station(
                 resume=resume,
                 observers=observers,
                 control=control,
-                before_command=partial(start_guardian, config.chamber) if guard else None,
+                before_command=start_guardian,
+                take_over=take_over,
+                heartbeat=no_heartbeat if sitting is None else sitting.beat,
             )
-            if outcome.safe.verified:
-                while guardians:
-                    guardians.pop().dismiss()
+            return outcome if sitting is None else _end_sitting(sitting, outcome)
+
+
+def _end_sitting(sitting: Guard, outcome: TestOutcome) -> TestOutcome:
+    """Dismiss the guardian, or leave the chamber to it; a test it had to end is never finished."""
+    safe = sitting.end(outcome.safe)
+    notify_service("STATUS=the test is over")
+    if not sitting.taken_over:
         return outcome
-
-
-def _hand_over(guardians: list[Guardian]) -> None:
-    for guardian in guardians:
-        log.error("the chamber is left to the guardian, process %d", guardian.pid)
-        guardian.leave_to_it()
+    return replace(outcome, status="failed", reason=sitting.taken_over, safe=safe)
 
 
 def _stored_station(store: Store, test_id: str) -> StationConfig:
@@ -138,7 +164,7 @@ def _stored_station(store: Store, test_id: str) -> StationConfig:
 
 
 @contextmanager
-def _signals_to(control: RunControl) -> Generator[None]:
+def signals_to(control: RunControl) -> Generator[None]:
     """Turn signals into the operator's hand; in another thread than the main one do nothing."""
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -147,11 +173,24 @@ def _signals_to(control: RunControl) -> Generator[None]:
     def handle(number: int, frame: FrameType | None) -> None:
         control.abort(f"stopped by {signal.Signals(number).name}")
 
+    def refuse(number: int, frame: FrameType | None) -> None:
+        say_at_once(REFUSAL)
+
+    handlers = dict.fromkeys(SIGNALS, handle) | {signal.SIGTSTP: refuse}
     # what was ignored before (nohup, a job in the background) is meant to stay so
-    heard = [number for number in SIGNALS if signal.getsignal(number) is not signal.SIG_IGN]
-    before = {number: signal.signal(number, handle) for number in heard}
+    heard = [number for number in handlers if signal.getsignal(number) is not signal.SIG_IGN]
+    before = {number: signal.signal(number, handlers[number]) for number in heard}
+    before |= {number: signal.signal(number, signal.SIG_IGN) for number in IGNORED}
     try:
         yield
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+def say_at_once(line: str) -> None:
+    """Write a line to standard error unless that would wait for whoever reads it."""
+    with contextlib.suppress(OSError, ValueError):
+        fd = sys.stderr.fileno()
+        if select.select([], [fd], [], 0)[1]:
+            os.write(fd, f"{line}\n".encode())

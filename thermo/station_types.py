@@ -5,7 +5,10 @@
     EndedError            the procedure ends now; caught by `run_test`, never seen above it
     ├── LimitTrippedError     a reading or an alarm outside what the sequence allows
     ├── InstrumentLostError   an instrument failed for longer than the sequence allows
+    │   └── ThermistorLostError   an accelerometer's temperature is not known any more
     └── TestInterruptedError  the operator, a signal
+    InterferedError       the wait for the operator, after a foreign change, is over
+    ChamberOccupiedError  the test cannot begin: somebody else uses the chamber
 """
 
 import logging
@@ -15,6 +18,7 @@ from dataclasses import dataclass
 from typing import Literal, Protocol
 
 from drivers.devices import SafeResult
+from errormodel.errors import WorkbenchError
 from thermo.store_records import ReadingRow
 
 log = logging.getLogger(__name__)
@@ -37,11 +41,33 @@ class InstrumentLostError(EndedError):
     """An instrument failed for longer than the sequence allows."""
 
 
+class ThermistorLostError(InstrumentLostError):
+    """An accelerometer's own temperature is not known any more, so nothing limits it."""
+
+
 class TestInterruptedError(EndedError):
     """The operator or a signal ended the test; it can be resumed."""
 
     __test__ = False
     status: Status = "interrupted"
+
+
+class InterferedError(Exception):
+    """Somebody changed the chamber, the test stood back, and is to bring it back now.
+
+    Parameters
+    ----------
+    began_s : float
+        When the test stood back, s on its clock.
+    """
+
+    def __init__(self, began_s: float) -> None:
+        self.began_s = began_s
+        super().__init__("the chamber was changed by somebody else")
+
+
+class ChamberOccupiedError(WorkbenchError):
+    """The chamber is not free to be taken over; nothing was commanded or stored."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -169,11 +195,14 @@ class TestOutcome:
     reason : str
         One line.
     safe : SafeResult
-        What was done to the chamber at the end, and what reading back showed.
+        What was done to the chamber at the end, and what reading back showed; nothing was where
+        this sitting never commanded it (`safe.commanded` is False).
     head_stopped : bool
-        Whether the head was told to stop and is not turning.
+        Whether the head stands; it was told to stop only if this sitting had sent it anywhere.
     readings, skipped, flagged : int
         Stored readings of this session, slots without any, and readings stored with a flag.
+    complaints : tuple of str
+        Why a test that ran to its end is not to be trusted as it is.
     """
 
     __test__ = False  # not a test case, whatever pytest thinks of the name
@@ -186,8 +215,10 @@ class TestOutcome:
     readings: int = 0
     skipped: int = 0
     flagged: int = 0
+    complaints: tuple[str, ...] = ()
 
     @property
     def clean(self) -> bool:
-        """Whether the test ran to its end and everything was left in the safe condition."""
-        return self.status == "finished" and self.safe.verified and self.head_stopped
+        """Whether the test ran to its end without complaint and all was left safe, as verified."""
+        done = self.status == "finished" and not self.complaints
+        return done and self.safe.verified and self.head_stopped

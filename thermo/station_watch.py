@@ -6,11 +6,13 @@ from dataclasses import dataclass, field
 
 from drivers.errors import InstrumentError
 from thermo.plan import Plan
-from thermo.station_types import InstrumentLostError, LimitTrippedError
+from thermo.station_quality import STEP_C, Repetition
+from thermo.station_types import InstrumentLostError, LimitTrippedError, ThermistorLostError
 
 log = logging.getLogger(__name__)
 
 MOVED_C = 0.05  # a reading that changed by less has not moved
+OVERSHOOT_C = 5.0  # a chamber overshoots by less, one that runs away soon by more
 CONFIRM = 2  # readings in a row of an accelerometer's thermistor before it ends the test
 
 
@@ -63,6 +65,8 @@ class Watch:
     _patient_until_s: float = -math.inf
     _anchor: tuple[float, float] | None = None
     _hot: dict[str, int] = field(default_factory=dict[str, int])
+    _lost: dict[str, int] = field(default_factory=dict[str, int])
+    _repeated: dict[str, Repetition] = field(default_factory=dict[str, Repetition])
 
     def expect(self, now_s: float, step_c: float) -> None:
         """Allow the chamber the time it needs to move by `step_c` as fast as it does."""
@@ -75,7 +79,7 @@ class Watch:
         """Check the chamber's reading against the absolute limits."""
         low, high = self.plan.chamber_limits_c
         # a chamber that stands at a limit of the sequence overshoots it by a little
-        margin = self.plan.sequence.limits.max_deviation_c
+        margin = min(self.plan.sequence.limits.max_deviation_c, OVERSHOOT_C)
         if not low - margin <= temp_c <= high + margin:
             raise LimitTrippedError(
                 f"chamber at {temp_c:.1f} °C, more than {margin:g} °C outside {low:g}…{high:g} °C"
@@ -110,8 +114,27 @@ class Watch:
                 f"{moved_c:.1f} °C; {self.plan.sequence.limits.stuck_c:g} °C are allowed"
             )
 
-    def accelerometer(self, serial: str, temp_c: float) -> None:
-        """Check an accelerometer's own temperature; nan (no reading) is no judgement."""
+    def accelerometer(self, serial: str, temp_c: float, chamber_c: float) -> None:
+        """Check an accelerometer's own temperature against its limits.
+
+        Parameters
+        ----------
+        serial : str
+        temp_c : float
+            Of its thermistor, °C; nan when there was no reading.
+        chamber_c : float
+            Of the chamber, °C; nan when there was no reading.
+
+        Raises
+        ------
+        LimitTrippedError
+            When it is outside for the second time in a row.
+        ThermistorLostError
+            When there was no reading too often in a row, or the thermistor shows the same to the
+            last digit while the chamber goes on: the limits are then without effect. Counting
+            begins anew afterwards.
+        """
+        self._check_lost(serial, temp_c, chamber_c)
         low, high = self.plan.accelerometer_limits_c
         if math.isnan(temp_c) or low <= temp_c <= high:
             self._hot.pop(serial, None)
@@ -121,6 +144,21 @@ class Watch:
             raise LimitTrippedError(
                 f"accelerometer {serial} at {temp_c:.1f} °C, outside {low:g}…{high:g} °C"
             )
+
+    def _check_lost(self, serial: str, temp_c: float, chamber_c: float) -> None:
+        self._lost[serial] = self._lost.get(serial, 0) + 1 if math.isnan(temp_c) else 0
+        repeated = self._repeated.setdefault(serial, Repetition(STEP_C)).see(temp_c, chamber_c)
+        times = self._lost[serial]
+        if times < self.plan.sequence.limits.max_thermistor_losses and not repeated:
+            return
+        self._lost.pop(serial)
+        self._repeated.pop(serial)
+        why = f"repeats {temp_c:.4f} °C while the chamber moves" if repeated else "gave no reading"
+        raise ThermistorLostError(
+            f"accelerometer {serial}: its thermistor {why}"
+            + ("" if repeated else f", {times} times in a row")
+            + "; its temperature is not limited any more"
+        )
 
     def alarms(self, alarms: tuple[str, ...]) -> None:
         """End the test on any alarm of the chamber."""

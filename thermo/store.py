@@ -6,7 +6,8 @@ rows are only added. SQLite and PostgreSQL behave alike; see docs/decisions/0003
 
 import secrets
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
+from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
@@ -363,6 +364,14 @@ class Store:
         """
         with told_as_store_error(self._where), self._reader.connect() as connection:
             return queries.readings(connection, test_id, run)
+
+    @contextmanager
+    def snapshot(self) -> Generator[sa.Connection]:
+        """Give a connection on which every question is answered as of one moment."""
+        with told_as_store_error(self._where), self._reader.connect() as connection:
+            if connection.dialect.name == "postgresql":
+                connection = connection.execution_options(isolation_level="REPEATABLE READ")
+            yield connection
 
     def _clash(
         self, test_id: str, run: int, values: Sequence[Mapping[str, Any]], err: IntegrityError

@@ -1,15 +1,18 @@
 """From the store to a recorded run."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from datetime import datetime, timedelta
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
 
 from errormodel.errors import StoreError
-from thermo.recording import OutputUnit, RecordedRuns, make_runs, write_runs
+from thermo.output_scale import OutputScale, OutputUnit
+from thermo.recording import RecordedRuns, make_runs, write_runs
 from thermo.recording_model import FORCES, head_force_g
 from thermo.store_records import RunRecord
 
@@ -61,37 +64,94 @@ def export_test(
     InputError
         If the file cannot be written or the arguments make no recorded run.
     """
-    test = store.test(test_id)
     frame = store.readings(test_id)
     frame = frame[frame["voided"] == ""]
     if serials is not None:
         frame = frame[frame["serial"].isin(list(serials))]
     if frame.empty:
         raise StoreError(f"test {test_id}: has no readings to export")
-    frame = frame[COLUMNS].copy()
-    lacking = frame["temp_c"].isna() | frame["output"].isna()
-    positioned = frame.groupby(["run", "serial"])["position_deg"].transform("count") > 0
-    lacking |= positioned & frame["position_deg"].isna()
-    frame["flag"] = np.where(lacking & (frame["flag"] == ""), "missing", frame["flag"])
-    turned = frame["serial"].map(dict(mount_deg or {})).fillna(0.0)
-    if (turned != 0.0).any():
-        angle = np.where(turned != 0.0, frame["position_deg"] + turned, np.nan)
-        frame[list(FORCES)] = head_force_g(angle)
-    mounts = {s: float(angle) for s, angle in (mount_deg or {}).items() if angle}
-    frame["run"] = [f"{test_id}-{number}" for number in frame["run"]]
-    starts = {f"{test_id}-{n}": start for n, start in run_starts(test.runs).items()}
-    record = make_runs(
-        frame,
-        output_unit=output_unit,
-        gravity_m_s2=gravity_m_s2,
-        nominal_scale=nominal_scale,
-        run_start_utc=starts,
-        mount_deg={run: mounts for run in frame["run"].unique()} if mounts else None,
-        source=f"test {test_id}",
+    positions = frame.groupby(["run", "serial"])["position_deg"].count()
+    meaning = ExportedMeaning(
+        test_id=test_id,
+        scale=OutputScale(
+            output_unit=output_unit, gravity_m_s2=gravity_m_s2, nominal_scale=nominal_scale
+        ),
+        mount_deg={s: float(angle) for s, angle in (mount_deg or {}).items() if angle},
+        run_start_utc=run_starts(store.test(test_id).runs),
+        positioned=frozenset(_positioned(positions)),
     )
+    record = meaning.record_of(frame)
     if path is not None:
         write_runs(record, path)
     return record
+
+
+def _positioned(counts: pd.Series) -> list[tuple[int, str]]:
+    """Return the (run, serial) that have positions, of counts by run and serial."""
+    return counts[counts > 0].index.tolist()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ExportedMeaning:
+    """What makes a test's readings recorded runs, whether they come whole or in pieces.
+
+    Attributes
+    ----------
+    test_id : str
+    scale : OutputScale
+    mount_deg : mapping
+        By serial number, of those that are mounted turned.
+    run_start_utc : mapping
+        By the run's number.
+    positioned : set of (run, serial)
+        Whose readings have positions: one without is then flagged.
+    """
+
+    test_id: str
+    scale: OutputScale
+    mount_deg: Mapping[str, float]
+    run_start_utc: Mapping[int, datetime]
+    positioned: frozenset[tuple[int, str]]
+
+    def run_id(self, number: int) -> str:
+        """Return what a run of the test is called in a recording."""
+        return f"{self.test_id}-{number}"
+
+    def record_of(self, stored: pd.DataFrame) -> RecordedRuns:
+        """Return stored readings, checked, as recorded runs.
+
+        Raises
+        ------
+        InputError
+            If a reading is not what it should be.
+        """
+        frame = stored[COLUMNS].copy()
+        lacking = frame["temp_c"].isna() | frame["output"].isna()
+        pairs = zip(frame["run"], frame["serial"], strict=True)
+        positioned = np.fromiter((p in self.positioned for p in pairs), bool, len(frame))
+        lacking |= positioned & frame["position_deg"].isna()
+        frame["flag"] = np.where(lacking & (frame["flag"] == ""), "missing", frame["flag"])
+        turned = frame["serial"].map(dict(self.mount_deg)).astype(float).fillna(0.0)
+        if (turned != 0.0).any():
+            angle = np.where(turned != 0.0, frame["position_deg"] + turned, np.nan)
+            frame[list(FORCES)] = head_force_g(angle)
+        names = {number: self.run_id(number) for number in frame["run"].unique()}
+        frame["run"] = frame["run"].map(names).astype(object)
+        runs, serials, times = (stored[n].to_numpy() for n in ("run", "serial", "time_s"))
+
+        def place(row: int) -> str:
+            return f"run {runs[row]} serial {serials[row]} time_s {times[row]!s}"
+
+        return make_runs(
+            frame,
+            output_unit=self.scale.output_unit,
+            gravity_m_s2=self.scale.gravity_m_s2,
+            nominal_scale=self.scale.nominal_scale,
+            run_start_utc={self.run_id(n): start for n, start in self.run_start_utc.items()},
+            mount_deg={r: self.mount_deg for r in names.values()} if self.mount_deg else None,
+            source=f"test {self.test_id}",
+            place=place,
+        )
 
 
 def run_starts(runs: Sequence[RunRecord]) -> dict[int, datetime]:

@@ -6,10 +6,13 @@ from pathlib import Path
 
 from drivers.station import StationConfig
 from errormodel.errors import InputError, StoreError
-from thermo.recording import OutputUnit, RecordedRuns, join_runs, write_runs
+from thermo.output_scale import OutputScale, OutputUnit
+from thermo.recording import RecordedRuns, join_runs
+from thermo.recording_summary import RecordingSummary
 from thermo.sequence import parse_sequence
 from thermo.store import Store, export_test, open_store
 from thermo.store_open import parse_url
+from thermo.store_stream import export_in_pieces
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -17,7 +20,7 @@ class Exported:
     """One file of an export, and what is in it."""
 
     path: Path
-    record: RecordedRuns
+    summary: RecordingSummary
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -77,11 +80,24 @@ def export_recorded(store: Store, test_id: str, path: Path) -> tuple[Exported, .
     InputError
         If a file cannot be written.
     """
-    records = recorded_runs(store, test_id)
+    config = StationConfig.model_validate_json(store.test(test_id).station_json)
+    sequence = parse_sequence(store.test(test_id).sequence_toml, f"test {test_id}")
     done: list[Exported] = []
-    for name, record in zip(export_paths(store, test_id, path), records, strict=True):
-        write_runs(record, name)
-        done.append(Exported(path=name, record=record))
+    groups = _groups(store, test_id)
+    for name, group in zip(export_paths(store, test_id, path), groups, strict=True):
+        summary = export_in_pieces(
+            store,
+            test_id,
+            name,
+            scale=OutputScale(
+                output_unit=group.output_unit,
+                gravity_m_s2=config.gravity_m_s2,
+                nominal_scale=group.nominal_scale,
+            ),
+            serials=group.serials,
+            mount_deg={a.serial: a.mount_deg for a in sequence.accelerometers},
+        )
+        done.append(Exported(path=name, summary=summary))
     return tuple(done)
 
 

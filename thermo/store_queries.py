@@ -1,9 +1,10 @@
 """The store's questions to its database, each inside a transaction that the caller began."""
 
 import json
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
 
+import numpy as np
 import pandas as pd
 import sqlalchemy as sa
 
@@ -22,7 +23,20 @@ from thermo.store_schema import runs as run_table
 from thermo.store_schema import tests as test_table
 from thermo.store_schema import voided as voided_table
 
+PIECE = 1 << 16  # readings of a stream at a time: some 25 MB
+TEXTS = ("serial", "flag", "voided")
+_ATTEMPT = ("test_id", "run", "segment", "attempt")
 ROW = ("serial", "slot", "attempt", "segment", *QUANTITIES, "flag")
+
+
+class ReadingCount(NamedTuple):
+    """How many readings an accelerometer has in a run, and how many with these quantities."""
+
+    run: int
+    serial: str
+    readings: int
+    positions: int
+    chamber_temperatures: int
 
 
 def need_test(connection: sa.Connection, test_id: str) -> Mapping[str, Any]:
@@ -168,26 +182,67 @@ def last_reading(connection: sa.Connection, test_id: str, run: int) -> ReadingRo
 def readings(connection: sa.Connection, test_id: str, run: int | None) -> pd.DataFrame:
     """Return readings as a table, in order of run, time and serial."""
     need_test(connection, test_id)
-    r, v = reading_table.c, voided_table.c
-    joined = reading_table.outerjoin(
-        voided_table,
-        sa.and_(
-            r.test_id == v.test_id,
-            r.run == v.run,
-            r.segment == v.segment,
-            r.attempt == v.attempt,
-        ),
-    )
-    names = ("run", *ROW)
-    query = sa.select(
-        *(r[name] for name in names), sa.func.coalesce(v.flag, "").label("voided")
-    ).select_from(joined)
-    query = query.where(r.test_id == test_id).order_by(r.run, r.time_s, r.serial)
+    r = reading_table.c
+    query = _readings_with_marks(test_id).order_by(r.run, r.time_s, r.serial)
     if run is not None:
         query = query.where(r.run == int(run))
-    rows = connection.execute(query).all()
-    frame = pd.DataFrame([tuple(row) for row in rows], columns=[*names, "voided"])
-    kinds: dict[str, str] = {name: "float64" for name in QUANTITIES}
-    kinds |= {name: "int64" for name in ("run", "slot", "attempt", "segment")}
-    kinds |= {name: "object" for name in ("serial", "flag", "voided")}
-    return frame.astype(kinds)
+    return _frame(connection.execute(query).all())
+
+
+def reading_pieces(
+    connection: sa.Connection, test_id: str, serials: Sequence[str], *, by_serial: bool
+) -> Iterator[pd.DataFrame]:
+    """Yield the readings that count of some accelerometers, piece by piece, as `readings` has them.
+
+    They come in order of run, time and serial, or of run, serial (by code point) and time.
+    """
+    r = reading_table.c
+    collation = "C" if connection.dialect.name == "postgresql" else "BINARY"
+    order = (sa.collate(r.serial, collation), r.time_s) if by_serial else (r.time_s, r.serial)
+    query = _that_count(_readings_with_marks(test_id), serials).order_by(r.run, *order)
+    streamed = connection.execution_options(stream_results=True, max_row_buffer=PIECE)
+    for rows in streamed.execute(query).partitions(PIECE):
+        yield _frame(rows)
+
+
+def reading_counts(
+    connection: sa.Connection, test_id: str, serials: Sequence[str]
+) -> list[ReadingCount]:
+    """Count the readings that count of some accelerometers, for each of their runs."""
+    need_test(connection, test_id)
+    r = reading_table.c
+    query = sa.select(
+        r.run,
+        r.serial,
+        sa.func.count().label("readings"),
+        sa.func.count(r.position_deg).label("positions"),
+        sa.func.count(r.chamber_c).label("chamber_temperatures"),
+    ).select_from(_joined())
+    query = query.where(r.test_id == test_id).group_by(r.run, r.serial).order_by(r.run)
+    return [ReadingCount(*row) for row in connection.execute(_that_count(query, serials))]
+
+
+def _joined() -> sa.Join:
+    r, v = reading_table.c, voided_table.c
+    same = (getattr(r, name) == getattr(v, name) for name in _ATTEMPT)
+    return reading_table.outerjoin(voided_table, sa.and_(*same))
+
+
+def _readings_with_marks(test_id: str) -> sa.Select[Any]:
+    r, v = reading_table.c, voided_table.c
+    columns = (r[name] for name in ("run", *ROW))
+    query = sa.select(*columns, sa.func.coalesce(v.flag, "").label("voided"))
+    return query.select_from(_joined()).where(r.test_id == test_id)
+
+
+def _that_count(query: Any, serials: Sequence[str]) -> sa.Select[Any]:
+    marked = sa.func.coalesce(voided_table.c.flag, "") != ""
+    return query.where(~marked, reading_table.c.serial.in_(list(serials)))
+
+
+def _frame(rows: Sequence[sa.Row[Any]]) -> pd.DataFrame:
+    names = ("run", *ROW, "voided")
+    columns = dict(zip(names, zip(*rows, strict=True), strict=True)) if rows else {}
+    kinds: dict[str, Any] = dict.fromkeys(names, np.int64)
+    kinds |= dict.fromkeys(QUANTITIES, np.float64) | dict.fromkeys(TEXTS, object)
+    return pd.DataFrame({n: np.array(columns.get(n, ()), dtype=kinds[n]) for n in names})

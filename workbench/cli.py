@@ -25,6 +25,7 @@ DONE, FAILED, MISUSE = 0, 1, 2
 COMMANDS = {
     "demo": ("commands_demo", "demo", "The whole job on emulated instruments."),
     "run": ("commands_run", "run", "Run a chamber test sequence."),
+    "make-safe": ("commands_safe", "make_safe", "Put a chamber into its safe condition."),
     "runs": ("commands_store", "runs", "List the tests in a store."),
     "export": ("commands_store", "export", "Write a test of a store as a recorded run."),
     "import": ("commands_fit", "import_", "Make a recorded run of somebody else's log."),

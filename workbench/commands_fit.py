@@ -12,6 +12,7 @@ from thermo.fitting import AccelerometerFit, TermsFile, fit_runs, read_terms
 from thermo.importing import import_log
 from thermo.modelfile import ModelFile, dump_model, make_model_file
 from thermo.recording import RecordedRuns, write_runs
+from thermo.recording_summary import summary_of
 from thermo.units_check import unit_complaints
 from workbench.console import emit, number, table
 from workbench.fit_output import fit_document, fit_text
@@ -46,8 +47,9 @@ def import_(file: Path, map_file: Path, out: Path, force: bool, as_json: bool) -
     checked_run_output(out, [file, map_file], force=force)
     record = import_log(file, map_file)
     write_runs(record, out)
-    document = {"out": str(out), **recording_document(record)}
-    emit(document, [f"{out}: {recording_text(record)}"], as_json=as_json)
+    summary = summary_of(record)
+    document = {"out": str(out), **recording_document(summary)}
+    emit(document, [f"{out}: {recording_text(summary)}"], as_json=as_json)
 
 
 @click.command()

@@ -1,7 +1,7 @@
 """`accelbench run`: a chamber test on instruments, or on emulated ones."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -44,6 +44,7 @@ class _Job:
     clock: Clock
     resume: str | None
     store: str
+    take_over: bool = False
 
 
 @click.command()
@@ -51,6 +52,9 @@ class _Job:
 @click.option("--station", type=Path, help="Instruments; without it they are emulated.")
 @store_option
 @click.option("--resume", metavar="ID", help="Go on with an interrupted test.")
+@click.option(
+    "--take-over", is_flag=True, help="Take over a chamber that is found in use, or switched off."
+)
 @click.option("--dry-run", is_flag=True, help="Print the plan and do nothing.")
 @click.option("--out", type=Path, help="Write the recorded run here when it is done.")
 @click.option(
@@ -65,6 +69,7 @@ def run(
     station: Path | None,
     store: str,
     resume: str | None,
+    take_over: bool,
     dry_run: bool,
     out: Path | None,
     speed: float | None,
@@ -75,13 +80,14 @@ def run(
 
     However it ends, the chamber is put into its safe condition and that is verified. Exit code 1:
     it ended early, a ramp was not uniform, an accelerometer has not settled in the cycles of a
-    run-in, or the safe condition is not verified. In Python:
+    run-in, there is a complaint of the readings, or the safe condition is not verified. A chamber
+    that somebody else uses is refused (exit code 2) unless --take-over says so. In Python:
     thermo.station_shell.run_on_station, thermo.station_emulated.run_emulated.
     """
     inputs = [p for p in (sequence, station) if p is not None]
     if out is not None:
         checked_run_output(out, inputs, force=force)
-    job = _job(sequence, station, store, resume, speed)
+    job = replace(_job(sequence, station, store, resume, speed), take_over=take_over)
     plan = make_plan(job.sequence, job.config, str(sequence or f"test {resume}"))
     if dry_run:
         foreseen = foresee_plan(plan)
@@ -160,18 +166,19 @@ def _check_store(store: str) -> None:
 
 
 def _run(job: _Job, observers: Sequence[Observer]) -> TestOutcome:
-    if job.emulated:
-        return run_emulated(
-            job.sequence,
-            job.store,
-            config=job.config,
-            clock=job.clock,
-            resume=job.resume,
-            observers=observers,
-        )
     path = _file_of(job.store)
     is_new = path is not None and not path.exists()
     try:
+        if job.emulated:
+            return run_emulated(
+                job.sequence,
+                job.store,
+                config=job.config,
+                clock=job.clock,
+                resume=job.resume,
+                observers=observers,
+                take_over=job.take_over,
+            )
         return run_on_station(
             job.sequence,
             job.config,
@@ -179,6 +186,7 @@ def _run(job: _Job, observers: Sequence[Observer]) -> TestOutcome:
             clock=job.clock,
             resume=job.resume,
             observers=observers,
+            take_over=job.take_over,
         )
     except (InstrumentError, WorkbenchError):
         if path is not None and is_new:
@@ -242,8 +250,13 @@ def _document(
         "readings": outcome.readings,
         "skipped": outcome.skipped,
         "flagged": outcome.flagged,
-        "safe": {"verified": outcome.safe.verified, "steps": list(outcome.safe.steps)},
+        "safe": {
+            "verified": outcome.safe.verified,
+            "commanded": outcome.safe.commanded,
+            "steps": list(outcome.safe.steps),
+        },
         "head_stopped": outcome.head_stopped,
+        "complaints": list(outcome.complaints),
         "uniformity": [uniformity_document(v) for v in verdicts],
         "live": [
             {
@@ -288,8 +301,12 @@ def _text(
         f"{outcome.readings} readings stored in {store}, {outcome.skipped} slots without a "
         f"reading, {outcome.flagged} readings flagged"
     )
-    safe = "verified" if outcome.safe.verified else "NOT VERIFIED: see to the chamber"
-    lines.append(f"chamber's safe condition {safe}: {'; '.join(outcome.safe.steps)}")
+    lines += [f"complaint: {text}" for text in outcome.complaints]
+    if outcome.safe.commanded:
+        safe = "verified" if outcome.safe.verified else "NOT VERIFIED: see to the chamber"
+        lines.append(f"chamber's safe condition {safe}: {'; '.join(outcome.safe.steps)}")
+    else:
+        lines.append(f"chamber: not commanded; {'; '.join(outcome.safe.steps)}")
     lines += [v.sentence for v in verdicts]
     lines += [f"recorded run: {path}" for path in exported]
     if outcome.status != "finished" and outcome.test_id:

@@ -8,9 +8,11 @@ from pathlib import Path
 from types import FrameType
 
 import click
+from rich.text import Text
 
 from drivers.clock import ScaledClock
 from errormodel.errors import InputError
+from thermo.guardian_results import pending_results
 from thermo.station_emulated import emulated
 from thermo.station_shell import load_station
 from thermo.store_files import export_paths, export_recorded, open_existing_store
@@ -37,6 +39,8 @@ def runs(store: str, as_json: bool) -> None:
     """
     with open_existing_store(store) as opened:
         tests = opened.tests()
+    ids = {t.id for t in tests}
+    left = [r for r in pending_results(store) if r.test_id in ids]
     made = table("id", "name", "status", "runs", "readings", "outcome", right=("runs", "readings"))
     for t in tests:
         made.add_row(t.id, t.name, t.status, str(t.runs), str(t.readings), t.outcome)
@@ -52,9 +56,22 @@ def runs(store: str, as_json: bool) -> None:
                 "readings": t.readings,
             }
             for t in tests
-        ]
+        ],
+        "guardians": [
+            {
+                "test_id": r.test_id,
+                "verified": r.verified,
+                "needs_help": r.needs_help,
+                "text": r.text,
+            }
+            for r in left
+        ],
     }
-    emit(document, [made] if tests else ["no tests yet"], as_json=as_json)
+    lines = [
+        Text(f"guardian of {r.test_id}: {r.text}", style="bold red" if r.needs_help else "")
+        for r in left
+    ]
+    emit(document, [made if tests else "no tests yet", *lines], as_json=as_json)
 
 
 @click.command()
@@ -73,8 +90,8 @@ def export(test_id: str, store: str, out: Path, force: bool, as_json: bool) -> N
         for path in export_paths(opened, test_id, out):
             checked_run_output(path, [], force=force)
         done = export_recorded(opened, test_id, out)
-    document = {"files": [{"out": str(e.path), **recording_document(e.record)} for e in done]}
-    emit(document, [f"{e.path}: {recording_text(e.record)}" for e in done], as_json=as_json)
+    document = {"files": [{"out": str(e.path), **recording_document(e.summary)} for e in done]}
+    emit(document, [f"{e.path}: {recording_text(e.summary)}" for e in done], as_json=as_json)
 
 
 @click.command()

@@ -13,7 +13,7 @@ from thermo.compensated import CompensatedFile, compensate_files
 from thermo.fitting import AccelerometerFit, fit_runs
 from thermo.modelfile import ModelFile, dump_model, make_model_file
 from thermo.plan import make_plan
-from thermo.recording import RecordedRuns
+from thermo.recording import RecordedRuns, read_runs
 from thermo.sequence import Sequence as TestSequence
 from thermo.sequence import parse_sequence
 from thermo.station_emulated import default_station, run_emulated
@@ -116,7 +116,7 @@ def run_demo(
         plan = make_plan(sequence, default_station(sequence))
         verdicts = judge_test(plan, store.readings(outcome.test_id))
         exported = export_recorded(store, outcome.test_id, folder / "run.csv")
-    result = _evaluate(replace(ended, verdicts=verdicts), exported[0].record, tell)
+    result = _evaluate(replace(ended, verdicts=verdicts), read_runs([exported[0].path]), tell)
     return replace(result, seconds=time.monotonic() - began_s)
 
 

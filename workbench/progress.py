@@ -20,6 +20,10 @@ SHOWN = 3  # accelerometers with their live K0 on the line
 STEP = 10  # percent between two lines where nobody looks at a terminal
 WORTH_SHOWING = (
     "fault",
+    "alarm",
+    "complaint",
+    "foreign change",
+    "take-over",
     "pause",
     "gap",
     "resoak",

@@ -1,25 +1,24 @@
 """A recording told in a line, and for JSON."""
 
-from thermo.recording import RecordedRuns
+from thermo.recording_summary import RecordingSummary
 
 
-def recording_document(record: RecordedRuns) -> dict[str, object]:
+def recording_document(summary: RecordingSummary) -> dict[str, object]:
     """Return what is worth saying of a recording, for JSON."""
     return {
-        "runs": list(record.run_ids),
-        "serials": list(record.serials),
-        "readings": len(record),
-        "flagged": int((~record.good).sum()),
-        "input_known": record.has_input,
-        "digests": {run: record.digest(run) for run in record.run_ids},
+        "runs": list(summary.run_ids),
+        "serials": list(summary.serials),
+        "readings": summary.readings,
+        "flagged": summary.flagged,
+        "input_known": summary.has_input,
+        "digests": dict(summary.digests),
     }
 
 
-def recording_text(record: RecordedRuns) -> str:
+def recording_text(summary: RecordingSummary) -> str:
     """Say the same in a line."""
-    flagged = int((~record.good).sum())
     return (
-        f"{len(record)} readings of {', '.join(record.serials):.200} in "
-        f"{len(record.run_ids)} run(s), {flagged} flagged"
-        + ("" if record.has_input else "; the input is not recorded")
+        f"{summary.readings} readings of {', '.join(summary.serials):.200} in "
+        f"{len(summary.run_ids)} run(s), {summary.flagged} flagged"
+        + ("" if summary.has_input else "; the input is not recorded")
     )

@@ -17,7 +17,7 @@ import click
 import sqlalchemy as sa
 from pydantic import BaseModel
 
-from drivers.emulators.faults import REPLY_KINDS
+from drivers.emulators.faults import PANEL_KINDS, REPLY_KINDS
 from drivers.registers import load_map
 from drivers.station import ChamberConfig, FaultKind, StationConfig
 from errormodel.terms import InputChange
@@ -213,11 +213,14 @@ def _scalar(value: Schema) -> str:
 def faults() -> str:
     """Return what an emulated instrument can be told to do wrong."""
     known = meanings()["faults"]
-    rows = [
-        (f"`{kind}`", "replies" if kind in REPLY_KINDS else "state", known[kind])
-        for kind in get_args(FaultKind)
-    ]
+    rows = [(f"`{kind}`", _fault_group(kind), known[kind]) for kind in get_args(FaultKind)]
     return markdown(("kind", "spoils", "what happens"), rows)
+
+
+def _fault_group(kind: FaultKind) -> str:
+    if kind in REPLY_KINDS:
+        return "replies"
+    return "nothing: done at the panel" if kind in PANEL_KINDS else "state"
 
 
 def registers() -> str:

@@ -6,13 +6,17 @@ import threading
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 from drivers.clock import Clock
 from drivers.emulators.faults import FaultPlan
 from drivers.emulators.modbus_frames import RefusedError
 from drivers.emulators.plant import Plant
+from drivers.station import PanelAction
 
 RUNAWAY_C_PER_S = 0.1
+ROOM_C, DRIFT_C_PER_S = 23.0, 1.0 / 60.0  # where a chamber without power goes, and how fast
+PANEL_STEP_C = 20.0  # what somebody adds at the panel, if nothing else is said
 ILLEGAL_ADDRESS, ILLEGAL_VALUE = 2, 3
 
 
@@ -20,8 +24,8 @@ ILLEGAL_ADDRESS, ILLEGAL_VALUE = 2, 3
 class Cell:
     """One value in the register space; `put` None: read-only.
 
-    `form` is "h" (int16), "H" (uint16), "E" (uint16 in the first of two registers) or "f" (float,
-    low word first).
+    `form` is "h" (int16), "H" (uint16), "E" (uint16 in the first of two registers), "f" (float,
+    low word first) or "F" (float, high word first).
     """
 
     form: str
@@ -31,13 +35,13 @@ class Cell:
     @property
     def size(self) -> int:
         """Registers it takes."""
-        return 2 if self.form in "fE" else 1
+        return 2 if self.form in "fFE" else 1
 
     def words(self) -> list[int]:
         """Return what a client reads."""
-        if self.form == "f":
+        if self.form in "fF":
             high, low = struct.unpack(">HH", struct.pack(">f", self.get()))
-            return [low, high]
+            return [low, high] if self.form == "f" else [high, low]
         value = round(self.get()) & 0xFFFF
         return [value, 0][: self.size]
 
@@ -45,10 +49,11 @@ class Cell:
         """Take what a client wrote."""
         if self.put is None:
             raise RefusedError(ILLEGAL_ADDRESS)
-        if self.form == "f":
+        if self.form in "fF":
             if len(words) != 2:
                 raise RefusedError(ILLEGAL_VALUE)  # half a float
-            value: float = struct.unpack(">f", struct.pack(">HH", words[1], words[0]))[0]
+            high, low = words if self.form == "F" else (words[1], words[0])
+            value: float = struct.unpack(">f", struct.pack(">HH", high, low))[0]
             if not math.isfinite(value):
                 raise RefusedError(ILLEGAL_VALUE)
         else:
@@ -81,6 +86,7 @@ class Loop:
         self.tripped = False
         self.broken = False
         self.alarm = False
+        self.powered = True
         self._away = False
         self._stuck_c: float | None = None
         self._begin_s, self._from_c, self.target_c, self._rate = now_s, start_c, start_c, math.inf
@@ -100,6 +106,13 @@ class Loop:
         if math.isinf(self._rate) or self._rate * (self.now_s - self._begin_s) >= abs(way):
             return self.target_c
         return self._from_c + math.copysign(self._rate * (self.now_s - self._begin_s), way)
+
+    def switch(self, *, powered: bool) -> None:
+        """Let the loop heat and cool, or leave the chamber to the room."""
+        if powered != self.powered:
+            self.powered = powered
+            if not self.tripped:
+                self._drive()
 
     def is_ramping(self) -> bool:
         """Tell whether the set point moves now."""
@@ -130,7 +143,15 @@ class Loop:
             self._plant.break_away(self.now_s, None)
             self._drive()
 
+    def take_panel_actions(self) -> list[tuple[PanelAction, float | None]]:
+        """Return what somebody has done at the panel since."""
+        return self._faults.take_panel_actions()
+
     def _drive(self) -> None:
+        if not self.powered:
+            air_c = self._plant.air_temp_c(self.now_s)
+            self._plant.drive_chamber(self.now_s, air_c, ROOM_C, DRIFT_C_PER_S)
+            return
         self._plant.drive_chamber(self.now_s, self.setpoint_c(), self.target_c, self._rate)
 
 
@@ -143,14 +164,24 @@ class Controller(ABC):
     clock : Clock
     decimals : int
         Of the integer-scaled models.
+    word_order : "low" or "high"
+        Which half of a float the F4T sends first.
     limits_c : (float, float)
         The controller's own set point limits.
     """
 
     def __init__(
-        self, loop: Loop, clock: Clock, *, decimals: int, limits_c: tuple[float, float]
+        self,
+        loop: Loop,
+        clock: Clock,
+        *,
+        decimals: int,
+        word_order: Literal["low", "high"] = "low",
+        limits_c: tuple[float, float],
     ) -> None:
         self.loop, self.limits_c, self.decimals = loop, limits_c, decimals
+        self.float_form = "f" if word_order == "low" else "F"
+        self.fahrenheit = False  # what the registers say of the unit
         self.factor = 10.0**decimals
         self._clock = clock
         self._lock = threading.RLock()
@@ -160,6 +191,32 @@ class Controller(ABC):
     @abstractmethod
     def cells(self) -> dict[int, Cell]:
         """Return the register space by address."""
+
+    @abstractmethod
+    def set_target(self, temp_c: float) -> None:
+        """Take a set point, from a client or at the panel."""
+
+    @abstractmethod
+    def switch_off(self) -> None:
+        """Take the loop out of control, as somebody does at the panel."""
+
+    @abstractmethod
+    def start_profile(self, temp_c: float) -> None:
+        """Run somebody's profile, which goes to `temp_c` and stays."""
+
+    def operate(self, action: PanelAction, temp_c: float | None = None) -> None:
+        """Do what somebody does at the panel.
+
+        Parameters
+        ----------
+        action : PanelAction
+            "setpoint_changed", "loop_off" or "foreign_profile".
+        temp_c : float, optional
+            The set point he enters, °C; 20 °C more than the present one if not given.
+        """
+        with self._lock:
+            self._advance()
+            self._do_at_panel(action, temp_c)
 
     def tick(self) -> None:  # noqa: B027  most controllers have nothing that becomes due
         """Do what became due; called before every access."""
@@ -185,6 +242,18 @@ class Controller(ABC):
     def _advance(self) -> None:
         self.loop.advance(self._clock.now_s())
         self.tick()
+        for action, temp_c in self.loop.take_panel_actions():
+            self._do_at_panel(action, temp_c)
+
+    def _do_at_panel(self, action: PanelAction, temp_c: float | None) -> None:
+        if temp_c is None:
+            temp_c = min(self.loop.target_c + PANEL_STEP_C, self.limits_c[1])
+        if action == "setpoint_changed":
+            self.set_target(temp_c)
+        elif action == "loop_off":
+            self.switch_off()
+        else:
+            self.start_profile(temp_c)
 
     def _word(self, address: int) -> int:
         if address not in self._owner:

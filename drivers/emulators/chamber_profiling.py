@@ -32,11 +32,11 @@ class F4(Controller):
             100: self.scaled(lambda: 999.9 if loop.broken else loop.temp_c()),
             101: Cell("h", lambda: loop.broken),
             200: Cell("h", lambda: 1 if self.running is None else 2),
-            300: self.scaled(lambda: self.static_c, self.set_static),
+            300: self.scaled(lambda: self.static_c, self.set_target),
             602: self.scaled(lambda: self.limits_c[0]),
             603: self.scaled(lambda: self.limits_c[1]),
             606: Cell("h", lambda: self.decimals),
-            901: Cell("h", lambda: 1),
+            901: Cell("h", lambda: not self.fahrenheit),
             1217: Cell("h", lambda: 0, self.terminate),
             1218: Cell("h", lambda: 40 - len(self.profiles)),
             4000: self.slot(self.chosen, "profile", range(1, 41)),
@@ -79,7 +79,20 @@ class F4(Controller):
         """Take one character of a profile's name."""
         self.names[address] = value
 
-    def set_static(self, temp_c: float) -> None:
+    def switch_off(self) -> None:
+        """Refuse: no register of an F4 tells of it."""
+        raise ValueError("an F4 has no register that tells of a loop that is off")
+
+    def start_profile(self, temp_c: float) -> None:
+        """Run the profile of the highest number, a ramp of 5 °C/min and a soak of 99 h."""
+        ramp, soak = _empty_step(2), _empty_step(3)
+        ramp |= {4043: 50.0, 4044: round(temp_c * self.factor)}
+        soak |= {4009: 99.0}
+        self.profiles[40] = [ramp, soak, _empty_step(5)]
+        self.running, self.step = 40, 0
+        self.begin_step()
+
+    def set_target(self, temp_c: float) -> None:
         """Take the static set point; it is in force when no profile runs."""
         self.static_c = self.checked(temp_c)
         if self.running is None:
@@ -110,21 +123,23 @@ class F4(Controller):
         """Start the present step of the running profile."""
         assert self.running is not None
         step = self.profiles[self.running][self.step]
-        self.step_begin_s = self.loop.now_s
+        lasts_s = 3600 * step[4009] + 60 * step[4010] + step[4011]
+        self.soak_until_s = self.loop.now_s + (lasts_s if step[4003] == 3 else 0.0)
         target_c = step[4044] / self.factor
         if step[4003] == 2 and step[4043] > 0:
             self.loop.go(self.checked(target_c), step[4043] / 10 / 60)
         elif step[4003] == 1:
-            seconds = 3600 * step[4009] + 60 * step[4010] + step[4011]
             way = abs(target_c - self.loop.setpoint_c())
-            self.loop.go(self.checked(target_c), way / seconds if seconds else math.inf)
+            self.loop.go(self.checked(target_c), way / lasts_s if lasts_s else math.inf)
         elif step[4003] == 5:  # the set point the profile came to becomes the static one
             self.static_c = self.loop.setpoint_c()
             self.running = None
 
     def tick(self) -> None:
-        """Go on to the next step when the ramp has arrived."""
-        while self.running is not None and not self.loop.is_ramping():
+        """Go on to the next step when the ramp has arrived, or the soak is over."""
+        while not (
+            self.running is None or self.loop.is_ramping() or self.loop.now_s < self.soak_until_s
+        ):
             self.step += 1
             self.begin_step()
 

@@ -38,6 +38,8 @@ class ChamberEmulator(Served):
     transport : "tcp", "rtu+tcp" or "rtu"
     unit_id, decimals : int
         As in the station file.
+    word_order : "low" or "high"
+        As in the station file.
     limits_c : (float, float)
         The controller's own set point limits, °C.
     trip_c : float
@@ -57,6 +59,7 @@ class ChamberEmulator(Served):
         transport: Transport = "tcp",
         unit_id: int = 1,
         decimals: int = 1,
+        word_order: Literal["low", "high"] = "low",
         limits_c: tuple[float, float] = (-75.0, 180.0),
         trip_c: float = 100.0,
         host: str = "127.0.0.1",
@@ -66,7 +69,9 @@ class ChamberEmulator(Served):
         now_s = clock.now_s()
         start_c = min(max(plant.air_temp_c(now_s), limits_c[0]), limits_c[1])
         loop = Loop(plant, faults, start_c=start_c, now_s=now_s, trip_c=trip_c)
-        self.controller = _CONTROLLERS[model](loop, clock, decimals=decimals, limits_c=limits_c)
+        self.controller = _CONTROLLERS[model](
+            loop, clock, decimals=decimals, word_order=word_order, limits_c=limits_c
+        )
         self._server = ModbusServer(
             self.controller, faults, transport=transport, unit_id=unit_id,
             host=host, port=port, path=path,

@@ -1,17 +1,18 @@
 """Planned misbehaviour of an emulated instrument.
 
-A fault either spoils replies (the wire misbehaves for the next `count` answers) or is a state of
-the instrument that lasts for a while. Both are due by the emulation's clock; the pauses of a late
-or a split reply are in real seconds, since the asker's timeout is.
+A fault spoils replies (the wire misbehaves for the next `count` answers), is a state of the
+instrument that lasts for a while, or is something that somebody does at its panel, once. All are
+due by the emulation's clock; the pauses of a late or a split reply are in real seconds, since the
+asker's timeout is.
 """
 
 import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import get_args
+from typing import cast, get_args
 
 from drivers.clock import Clock
-from drivers.station import FaultConfig, FaultKind
+from drivers.station import FaultConfig, FaultKind, PanelAction
 
 REPLY_KINDS: frozenset[FaultKind] = frozenset(
     ("silence", "late_reply", "exception", "broken_crc", "split_frame", "dropped_connection")
@@ -19,6 +20,7 @@ REPLY_KINDS: frozenset[FaultKind] = frozenset(
 STATE_KINDS: frozenset[FaultKind] = frozenset(
     ("stuck_temperature", "sensor_break", "over_temperature")
 )
+PANEL_KINDS: frozenset[FaultKind] = frozenset(get_args(PanelAction))
 DEVICES = ("chamber", "digitiser", "head")
 
 
@@ -30,6 +32,7 @@ class _Pending:
     begin_s: float
     end_s: float  # of a state; inf: it lasts
     left: int  # replies still to spoil
+    temp_c: float | None  # of a panel action
 
 
 class FaultPlan:
@@ -65,12 +68,19 @@ class FaultPlan:
         self._lock = threading.Lock()
         start_s = clock.now_s()
         self._pending = [
-            _pending(c.kind, start_s + c.at_s, c.count, c.duration_s)
+            _pending(c.kind, start_s + c.at_s, c.count, c.duration_s, c.temp_c)
             for c in sorted(configs, key=lambda c: c.at_s)
             if c.device == device
         ]
 
-    def inject(self, kind: FaultKind, *, count: int = 1, duration_s: float | None = None) -> None:
+    def inject(
+        self,
+        kind: FaultKind,
+        *,
+        count: int = 1,
+        duration_s: float | None = None,
+        temp_c: float | None = None,
+    ) -> None:
         """Let a fault begin now.
 
         Parameters
@@ -81,6 +91,8 @@ class FaultPlan:
             Replies it spoils, for the kinds that spoil replies.
         duration_s : float or None
             How long a state lasts, s of the emulation's clock; None: until the end.
+        temp_c : float or None
+            Set point of something done at the panel, °C; None: the emulator's choice.
 
         Raises
         ------
@@ -92,7 +104,7 @@ class FaultPlan:
         if count < 1 or (duration_s is not None and not duration_s > 0):
             raise ValueError(f"fault {kind}: count {count} and duration {duration_s} must be > 0")
         with self._lock:
-            self._pending.append(_pending(kind, self._clock.now_s(), count, duration_s))
+            self._pending.append(_pending(kind, self._clock.now_s(), count, duration_s, temp_c))
 
     def clear(self) -> None:
         """End every fault, also those still to come."""
@@ -119,6 +131,16 @@ class FaultPlan:
                 self._pending.remove(first)
             return first.kind
 
+    def take_panel_actions(self) -> list[tuple[PanelAction, float | None]]:
+        """Consume what somebody has done at the panel by now: kind and set point (°C), in order."""
+        now_s = self._clock.now_s()
+        with self._lock:
+            due = [p for p in self._pending if p.kind in PANEL_KINDS and p.begin_s <= now_s]
+            for done in due:
+                self._pending.remove(done)
+        due.sort(key=lambda p: p.begin_s)
+        return [(cast(PanelAction, p.kind), p.temp_c) for p in due]
+
     def active(self, kind: FaultKind) -> bool:
         """Tell whether a state fault is on now.
 
@@ -134,7 +156,9 @@ class FaultPlan:
             return any(p.kind == kind and p.begin_s <= now_s < p.end_s for p in self._pending)
 
 
-def _pending(kind: FaultKind, begin_s: float, count: int, duration_s: float | None) -> _Pending:
+def _pending(
+    kind: FaultKind, begin_s: float, count: int, duration_s: float | None, temp_c: float | None
+) -> _Pending:
     """Return a fault ready to wait for its time."""
     end_s = float("inf") if duration_s is None else begin_s + duration_s
-    return _Pending(kind, begin_s, end_s, count if kind in REPLY_KINDS else 0)
+    return _Pending(kind, begin_s, end_s, count if kind in REPLY_KINDS else 0, temp_c)

@@ -13,7 +13,7 @@ from drivers.emulators.motion import HeadEmulator
 from drivers.emulators.multimeter import MultimeterEmulator
 from drivers.emulators.plant import Plant
 from drivers.modbus import Transport, parse_url
-from drivers.station import ChamberConfig, FaultKind, StationConfig
+from drivers.station import ChamberConfig, FaultKind, PanelAction, StationConfig
 
 log = logging.getLogger(__name__)
 
@@ -88,7 +88,13 @@ class EmulatedStation:
         return dict(self._faults)
 
     def inject(
-        self, device: str, kind: FaultKind, *, count: int = 1, duration_s: float | None = None
+        self,
+        device: str,
+        kind: FaultKind,
+        *,
+        count: int = 1,
+        duration_s: float | None = None,
+        temp_c: float | None = None,
     ) -> None:
         """Let a fault begin now.
 
@@ -96,7 +102,7 @@ class EmulatedStation:
         ----------
         device : str
             "chamber", "digitiser" or "head".
-        kind, count, duration_s
+        kind, count, duration_s, temp_c
             As `drivers.emulators.faults.FaultPlan.inject` takes them.
 
         Raises
@@ -106,7 +112,30 @@ class EmulatedStation:
         """
         if device not in self._faults:
             raise ValueError(f"device {device!r}, expected one of {', '.join(self._faults)}")
-        self._faults[device].inject(kind, count=count, duration_s=duration_s)
+        plan = self._faults[device]
+        plan.inject(kind, count=count, duration_s=duration_s, temp_c=temp_c)
+
+    def operator(self, action: PanelAction, temp_c: float | None = None) -> None:
+        """Do at once what somebody does at the chamber's panel.
+
+        Parameters
+        ----------
+        action : PanelAction
+            "setpoint_changed", "loop_off" or "foreign_profile".
+        temp_c : float, optional
+            The set point he enters, °C; 20 °C more than the present one if not given.
+
+        Raises
+        ------
+        ValueError
+            If the model has no such thing.
+        RuntimeError
+            If the station was not started.
+        """
+        chamber = self._emulators.get("chamber")
+        if not isinstance(chamber, ChamberEmulator):
+            raise RuntimeError("the emulated station was not started")
+        chamber.controller.operate(action, temp_c)
 
     def start(self) -> None:
         """Start the three; when one cannot be started, none is left running.
@@ -205,6 +234,7 @@ def _chamber(
         transport=transport,
         unit_id=config.unit_id,
         decimals=config.decimals,
+        word_order=config.word_order,
         limits_c=(min(lo, CONTROLLER_LIMITS_C[0]), max(hi, CONTROLLER_LIMITS_C[1])),
         trip_c=hi + TRIP_ABOVE_C,
         host=host,

@@ -1,7 +1,9 @@
 """Register maps of chamber controllers as data: one TOML file a model.
 
 A map says where a value lives, how its bits are laid out and scaled, and what its enumerated
-values are called. Drivers name registers; addresses and scales stand nowhere else.
+values are called. Drivers name registers; addresses and scales stand nowhere else. Where a
+controller can be set to send 32 bits either way round, the map says `word_order = "station"`: the
+station file knows.
 """
 
 import math
@@ -15,6 +17,7 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 Address = Annotated[int, Field(ge=0, le=0xFFFF)]
+WordOrder = Literal["low", "high"]
 _FORMATS = {"int16": ">h", "uint16": ">H", "int32": ">i", "uint32": ">I", "float32": ">f"}
 
 
@@ -30,12 +33,13 @@ class Register(BaseModel):
 
     address: Address
     kind: Literal["int16", "uint16", "int32", "uint32", "float32"] = "int16"
-    word_order: Literal["low", "high"] = "high"  # which 16 bits of a 32-bit value come first
+    word_order: WordOrder = "high"  # which 16 bits of a 32-bit value come first
     scale: Annotated[float, Field(gt=0)] | Literal["decimals"] = 1.0
     access: Literal["r", "w", "rw"] = "r"
     values: dict[str, int] = {}
     optional: bool = False  # not every build of the controller has it
     setting: bool = False  # worth keeping with a run
+    watched: bool = False  # what was commanded there is compared with what it holds, over and over
     resolution: Annotated[float, Field(gt=0)] | None = None
 
     @property
@@ -137,7 +141,6 @@ class RegisterMap(BaseModel):
     title: str
     ramp_rate_step_c_per_min: Annotated[float, Field(gt=0)] | None = None
     ramp_rate_max_c_per_min: Annotated[float, Field(gt=0)]
-    plausible_c: tuple[float, float] = (-200.0, 400.0)  # a reading outside is no temperature
     barrier: Barrier
     registers: dict[str, Register]
 
@@ -146,13 +149,15 @@ class RegisterMap(BaseModel):
 
 
 @cache
-def load_map(model: str) -> RegisterMap:
+def load_map(model: str, word_order: WordOrder = "low") -> RegisterMap:
     """Read the register map of a model that this package ships.
 
     Parameters
     ----------
     model : str
         As the station file writes it, for example "watlow_f4t".
+    word_order : "low" or "high"
+        For the registers whose word order the map leaves to the station file.
 
     Returns
     -------
@@ -166,4 +171,8 @@ def load_map(model: str) -> RegisterMap:
     source = files(__name__) / f"{model}.toml"
     if not source.is_file():
         raise ValueError(f"no register map for the controller {model!r}")
-    return RegisterMap.model_validate(tomllib.loads(source.read_text(encoding="utf-8")))
+    read = tomllib.loads(source.read_text(encoding="utf-8"))
+    for register in read["registers"].values():
+        if register.get("word_order") == "station":
+            register["word_order"] = word_order
+    return RegisterMap.model_validate(read)

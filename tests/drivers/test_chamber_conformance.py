@@ -6,14 +6,21 @@ import random
 
 import pytest
 
-from drivers import chamber_modbus
+from drivers import chamber_watch
 from drivers.chambers import open_chamber
 from drivers.clock import SteppedClock
 from drivers.devices import Chamber
 from drivers.emulators.chambers import ChamberEmulator
 from drivers.emulators.faults import REPLY_KINDS, FaultPlan
 from drivers.emulators.ideal import IdealPlant
-from drivers.errors import DeviceError, InstrumentError, LimitError, LinkError, ProtocolError
+from drivers.errors import (
+    DeviceError,
+    InstrumentError,
+    LimitError,
+    LinkError,
+    ProtocolError,
+    RecognitionError,
+)
 from drivers.station import ChamberConfig
 
 MODELS = ("watlow_f4t", "watlow_f4", "eurotherm_3504")
@@ -47,7 +54,12 @@ class Bench:
         self.emulator.start()
         self.model = model
         self.opened: list[Chamber] = []
-        self.chamber = self.open()
+        self.chamber = self.recognised()
+
+    def recognised(self, **more) -> Chamber:
+        chamber = self.open(**more)
+        sooner_or_later(chamber.identify)
+        return chamber
 
     def open(self, **more) -> Chamber:
         settings = {"timeout_s": PATIENT_S, "baud": 115200, "decimals": self.decimals} | more
@@ -60,7 +72,7 @@ class Bench:
 
     def reopen(self, **more) -> None:
         self.chamber.close()
-        self.chamber = self.open(**more)
+        self.chamber = self.recognised(**more)
 
     def close(self) -> None:
         for chamber in self.opened:
@@ -182,7 +194,7 @@ def test_decimals_that_disagree_are_found_out():
         bench.opened.append(
             open_chamber(ChamberConfig(model="watlow_f4", url=bench.emulator.url, decimals=1))
         )
-        with pytest.raises(DeviceError, match="shows 2 decimals, expected 1"):
+        with pytest.raises(RecognitionError, match="shows 2 decimals, expected 1"):
             bench.opened[-1].identify()
     finally:
         bench.close()
@@ -190,7 +202,7 @@ def test_decimals_that_disagree_are_found_out():
 
 @pytest.mark.parametrize("temp_c", [85.1, -55.1, float("nan"), float("inf"), float("-inf")])
 def test_set_points_outside_the_limits_send_nothing(tcp_bench, temp_c):
-    chamber = tcp_bench.chamber
+    chamber = tcp_bench.open()
     with pytest.raises(LimitError, match="nothing was sent"):
         chamber.hold_temp_c(temp_c)
     with pytest.raises(LimitError, match="nothing was sent"):
@@ -200,15 +212,15 @@ def test_set_points_outside_the_limits_send_nothing(tcp_bench, temp_c):
 
 @pytest.mark.parametrize("rate", [0.0, -1.0, 0.04, 5.1, float("nan"), float("inf")])
 def test_rates_outside_the_limits_send_nothing(tcp_bench, rate):
+    chamber = tcp_bench.open()
     with pytest.raises(LimitError, match="nothing was sent"):
-        tcp_bench.chamber.ramp_to_c(30.0, rate)
-    assert tcp_bench.chamber.counters.exchanges == 0
+        chamber.ramp_to_c(30.0, rate)
+    assert chamber.counters.exchanges == 0
 
 
 def test_the_tighter_limits_apply_after_identify(tcp_bench):
     tcp_bench.emulator.controller.limits_c = (-30.0, 120.0)
-    tcp_bench.chamber.identify()
-    limits = tcp_bench.chamber.limits_c
+    limits = tcp_bench.recognised().limits_c
     # the 3504's map has no set point limits, so the station's stay in force
     low = -55.0 if tcp_bench.model == "eurotherm_3504" else -30.0
     assert (limits.lo, limits.hi) == (low, 85.0)
@@ -218,8 +230,8 @@ def test_a_controller_whose_limits_exclude_the_station_is_refused():
     bench = Bench("watlow_f4t", "tcp")
     try:
         bench.emulator.controller.limits_c = (100.0, 120.0)
-        with pytest.raises(DeviceError, match="set points"):
-            bench.chamber.identify()
+        with pytest.raises(RecognitionError, match="set points"):
+            bench.open().identify()
     finally:
         bench.close()
 
@@ -228,8 +240,8 @@ def test_a_controller_that_cannot_be_made_safe_is_refused_beforehand():
     bench = Bench("watlow_f4t", "tcp")
     try:
         bench.emulator.controller.limits_c = (30.0, 120.0)
-        with pytest.raises(DeviceError, match="safe temperature 25 °C is outside 30 to 85 °C"):
-            bench.chamber.identify()
+        with pytest.raises(RecognitionError, match="safe temperature 25 °C is outside 30 to 85 °C"):
+            bench.open().identify()
     finally:
         bench.close()
 
@@ -256,11 +268,15 @@ def test_make_safe_works_from_a_fresh_link_when_the_first_was_left_lying(bench):
 
 
 def test_make_safe_reports_and_does_not_raise_when_nobody_answers(bench):
+    never_recognised = bench.open(retries=0)
     bench.emulator.close()
     result = bench.chamber.make_safe(25.0)
     assert not result.verified
     assert len(result.steps) >= 2
     assert all("failed" in step and "\n" not in step for step in result.steps)
+    fresh = never_recognised.make_safe(25.0)
+    assert (fresh.verified, fresh.commanded, len(fresh.steps)) == (False, False, 1)
+    assert "not commanded: chamber: " in fresh.steps[0]
 
 
 def test_make_safe_tries_every_step_when_one_is_refused(tcp_bench):
@@ -271,8 +287,14 @@ def test_make_safe_tries_every_step_when_one_is_refused(tcp_bench):
     assert "once more:" in result.steps
 
 
+def test_make_safe_recognises_and_lives_through_a_refusal_of_that(tcp_bench):
+    fresh = tcp_bench.open()
+    tcp_bench.faults.inject("exception")
+    assert fresh.make_safe(25.0).verified
+
+
 def test_make_safe_outside_the_limits_still_ends_the_ramp(tcp_bench, monkeypatch):
-    monkeypatch.setattr(chamber_modbus, "FOLLOW_S", 0.05)  # it will not go there, so why wait
+    monkeypatch.setattr(chamber_watch, "FOLLOW_S", 0.05)  # it will not go there, so why wait
     tcp_bench.chamber.ramp_to_c(70.0, 1.0)
     tcp_bench.wait(60.0)
     result = tcp_bench.chamber.make_safe(200.0)

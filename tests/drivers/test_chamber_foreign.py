@@ -9,9 +9,9 @@ from pymodbus.framer import FramerType
 from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
-from drivers import chamber_modbus
+from drivers import chamber_watch
 from drivers.chambers import open_chamber
-from drivers.errors import DeviceError, LimitError
+from drivers.errors import DeviceError, LimitError, RecognitionError
 from drivers.station import ChamberConfig
 
 
@@ -22,7 +22,8 @@ def low_first(value: float) -> list[int]:
 
 PREFILLED = {
     "watlow_f4t": {
-        2730: [10], 2774: low_first(-70.0), 2776: low_first(180.0), 2782: low_first(23.0),
+        1328: [15], 2730: [10], 2774: low_first(-70.0), 2776: low_first(180.0),
+        2782: low_first(23.0),
         2794: [62], 2796: [57], 2798: low_first(1.0), 2810: low_first(23.0),
         2820: low_first(-12.5), 16568: [61],
     },
@@ -34,6 +35,7 @@ PREFILLED = {
 }  # fmt: skip
 
 
+CONFIRMED = {"eurotherm_3504": "decimals = 1, °C"}  # no floats there that would show it
 WORKING = {2782: 2810, 2: 5}  # what the loop goes by follows the set point where it is written
 
 
@@ -92,7 +94,8 @@ def scheme(request):
 def chamber(request, scheme):
     framer = FramerType.SOCKET if scheme == "modbus+tcp" else FramerType.RTU
     server = ForeignServer(PREFILLED[request.param], framer)
-    config = ChamberConfig(model=request.param, url=f"{scheme}://127.0.0.1:{server.port}")
+    url = f"{scheme}://127.0.0.1:{server.port}"
+    config = ChamberConfig(model=request.param, url=url, confirmed=CONFIRMED.get(request.param))
     chamber = open_chamber(config)
     yield chamber
     chamber.close()
@@ -125,10 +128,11 @@ def test_ramps_where_registers_alone_make_a_ramp(chamber):
 @pytest.mark.parametrize("model", ["watlow_f4t", "eurotherm_3504"])
 def test_a_loop_that_goes_by_another_set_point_is_not_safe(model, monkeypatch):
     """Every register takes what it is told, and the loop goes on elsewhere all the same."""
-    monkeypatch.setattr(chamber_modbus, "FOLLOW_S", 0.05)
+    monkeypatch.setattr(chamber_watch, "FOLLOW_S", 0.05)
     server = ForeignServer(PREFILLED[model], FramerType.SOCKET, action=None)
     url = f"modbus+tcp://127.0.0.1:{server.port}"
-    chamber = open_chamber(ChamberConfig(model=model, url=url))
+    confirmed = CONFIRMED.get(model)
+    chamber = open_chamber(ChamberConfig(model=model, url=url, confirmed=confirmed))
     try:
         result = chamber.make_safe(25.0)
         assert not result.verified
@@ -144,9 +148,9 @@ def test_a_server_of_zeros_is_not_taken_for_a_chamber_that_obeys():
     url = f"modbus+tcp://127.0.0.1:{server.port}"
     chamber = open_chamber(ChamberConfig(model="watlow_f4", url=url))
     try:
-        with pytest.raises(DeviceError, match="works in °F"):
+        with pytest.raises(RecognitionError, match="works in °F"):
             chamber.identify()
-        with pytest.raises(DeviceError):
+        with pytest.raises(RecognitionError):
             chamber.ramp_to_c(30.0, 1.0)
     finally:
         chamber.close()

@@ -44,16 +44,17 @@ class Course:
 
 
 class SparseF4T:
-    """Temperature, set point, ramp and control mode, and nothing else."""
+    """Temperature, set point, its limits, ramp and control mode, and nothing else."""
 
     model = "watlow_f4t"
+    confirmed = "Modbus in °C"
 
     def __init__(self) -> None:
         self.course = Course()
         self.kept = {2730: [10], 2794: [62], 2796: [57], 2798: floats(1.0)}
 
     def read(self, address: int) -> list[int] | None:
-        shown = {2820: self.course.now(), 2782: self.course.target}
+        shown = {2820: self.course.now(), 2782: self.course.target, 2774: -70.0, 2776: 180.0}
         return floats(shown[address]) if address in shown else self.kept.get(address)
 
     def write(self, address: int, words: list[int]) -> bool:
@@ -71,6 +72,7 @@ class Sparse3504:
     """Registers 1, 2, 5, 35 and 75, and cells that keep what is written and mean nothing."""
 
     model = "eurotherm_3504"
+    confirmed = "decimals = 1, °C"
 
     def __init__(self, idle_cells: tuple[int, ...] = ()) -> None:
         self.course = Course()
@@ -148,7 +150,10 @@ def serve():
 
     def make(bank, **manners):
         server = Server(bank, **manners)
-        chamber = open_chamber(ChamberConfig(model=bank.model, url=server.url, timeout_s=2.0))
+        config = ChamberConfig(
+            model=bank.model, url=server.url, timeout_s=2.0, confirmed=bank.confirmed
+        )
+        chamber = open_chamber(config)
         opened.extend((chamber, server))
         return chamber, server
 
@@ -189,6 +194,7 @@ def test_it_goes_where_it_is_sent_at_the_rate_it_is_given(serve, bank, manners):
 
 def test_what_is_missing_is_logged_once(serve, caplog):
     chamber, _ = serve(Sparse3504())
+    chamber.identify()
     for _ in range(3):
         chamber.hold_temp_c(30.0)
     for name in ("ramp_disable", "control_mode", "remote_select", "program_state"):
@@ -198,6 +204,7 @@ def test_what_is_missing_is_logged_once(serve, caplog):
 
 def test_a_moving_set_point_without_a_register_is_not_guessed(serve):
     chamber, _ = serve(SparseF4T())
+    chamber.identify()
     chamber.ramp_to_c(40.0, 1.0)
     with pytest.raises(DeviceError, match="no register here tells the set point"):
         chamber.read_setpoint_c()

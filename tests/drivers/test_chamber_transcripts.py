@@ -48,13 +48,29 @@ def do(address: str, word: str) -> list[tuple[str, str]]:
 
 NAME = ("0041", "0043", "0043", "0045", "004c", "0042", "0045", "004e", "0043", "0048")
 
+F4T_UNITS = ask("1a4a", "000f")  # the TCP port works in °C
+F4T_RTU_UNITS = ask("3700", "000f")
+F4T_STILL = [
+    *F4T_UNITS,
+    *ask("0ad6", "0000", "c25c"),  # limits −55
+    *ask("0ad8", "0000", "42aa"),  # and 85
+]
+F4T_IDENTIFY = [
+    *F4T_STILL,
+    *ask("0b04", "0000", "41bc"),  # it is 23.5 °C
+    *ask("0ade", "0000", "41bc"),
+    *ask("0afa", "0000", "41bc"),  # set point in force and static set point are the same
+]
 F4T_HOLD = [
+    *F4T_STILL,
     *ask("40b8", "003d"),  # profile state: none
     *put("0ade", "0000", "c222"),  # −40.5, low word first
     *put("0aea", "003e"),  # ramp action off
     *put("0aaa", "000a"),  # automatic
+    *ask("0afa", "0000", "c222"),  # the loop goes by it
 ]
 F4T_RAMP = [
+    *F4T_STILL,
     *ask("0b04", "0000", "41bc"),  # it is 23.5 °C
     *ask("2c18", "003d"),  # no error at the limit's input
     *ask("40b8", "003d"),
@@ -66,25 +82,43 @@ F4T_RAMP = [
     *put("0aee", "0000", "3fc0"),  # 1.5
     *put("0aea", "0055"),  # ramp on a new set point
     *put("0ade", "0000", "41f0"),  # 30
+    *ask("0afa", "0000", "41bd"),  # on its way
 ]
 F4T_SAFE = [
+    *F4T_STILL,
     *ask("40b8", "0095"),  # a profile runs
     *do("40b6", "0094"),  # terminate
     *ask("40b8", "003d"),
     *put("0ade", "0000", "41c8"),  # 25
     *put("0aea", "003e"),
+    *ask("0aaa", "0036"),  # in manual
     *put("0aaa", "000a"),
     *ask("0afa", "0000", "41c8"),  # the loop goes by it
 ]
+EUROTHERM_SCALE = [
+    *ask("8004", "41bc", "0000"),  # 23.5 as a float, high word first
+    *ask("0002", "00eb"),
+    *ask("8002", "41bc", "0000"),
+    *ask("0001", "00eb"),
+]
+EUROTHERM_IDENTIFY = [
+    *EUROTHERM_SCALE,
+    *ask("0001", "00eb"),
+    *ask("0002", "00eb"),
+    *ask("0005", "00eb"),  # set point in force and target are the same
+]
 EUROTHERM_HOLD = [
+    *EUROTHERM_SCALE,
     *ask("144b", "0001"),  # no program runs
     *ask("0114", "0000"),  # local set point
     *put("0002", "fe6b"),  # −40.5
     *put("0023", "0000"),  # no rate limit
     *put("004e", "0001"),  # disabled besides
     *put("0111", "0000"),  # automatic
+    *ask("0005", "fe6b"),  # the loop goes by it
 ]
 EUROTHERM_RAMP = [
+    *EUROTHERM_SCALE,
     *ask("0001", "00eb"),  # 23.5
     *ask("004b", "0000"),  # no sensor break
     *ask("144b", "0001"),
@@ -97,8 +131,10 @@ EUROTHERM_RAMP = [
     *put("0023", "000f"),  # 1.5 °C/min
     *put("004e", "0000"),  # rate limit in force
     *put("0002", "012c"),  # 30
+    *ask("0005", "00eb"),  # on its way
 ]
 EUROTHERM_SAFE = [
+    *EUROTHERM_SCALE,
     *ask("144b", "0002"),  # a program runs
     *do("146d", "0001"),  # reset
     *ask("144b", "0001"),
@@ -110,11 +146,24 @@ EUROTHERM_SAFE = [
     *put("0111", "0000"),
     *ask("0005", "00fa"),  # the loop goes by it
 ]
+F4_SCALE = [
+    *ask("0385", "0001"),  # °C
+    *ask("025e", "0001"),  # one decimal
+    *ask("025a", "fdda"),  # limits −55
+    *ask("025b", "0352"),  # and 85
+]
+F4_IDENTIFY = [
+    *F4_SCALE,
+    *ask("0064", "00eb"),  # 23.5
+    *ask("012c", "00eb"),
+]
 F4_HOLD = [
+    *F4_SCALE,
     *ask("00c8", "0001"),  # no profile runs
     *put("012c", "fe6b"),  # −40.5
 ]
 F4_RAMP = [
+    *F4_SCALE,
     *ask("0064", "00eb"),  # 23.5
     *ask("0065", "0000"),  # no input error
     *ask("00c8", "0001"),
@@ -148,6 +197,7 @@ F4_RAMP = [
     *ask("00c8", "0002"),
 ]
 F4_SAFE = [
+    *F4_SCALE,
     *put("012c", "00fa"),
     *do("04c1", "0001"),  # terminate
     *ask("00c8", "0001"),
@@ -158,12 +208,18 @@ BARRIERS = {  # what an RTU line is brought into step with: an unusual number of
     "watlow_f4": ask("077c", "000c", "001e", "0000"),
     "eurotherm_3504": ask("0001", "00eb", "00eb", "0000"),
 }
+TEMPERATURES = {  # asked for once more, to be told
+    "watlow_f4t": ask("0b04", "0000", "41bc"),
+    "watlow_f4": ask("0064", "00eb"),
+    "eurotherm_3504": ask("0001", "00eb"),
+}
 SCRIPTS = {
-    "watlow_f4t": (F4T_HOLD, F4T_RAMP, F4T_SAFE),
-    "watlow_f4": (F4_HOLD, F4_RAMP, F4_SAFE),
-    "eurotherm_3504": (EUROTHERM_HOLD, EUROTHERM_RAMP, EUROTHERM_SAFE),
+    "watlow_f4t": (F4T_IDENTIFY, F4T_HOLD, F4T_RAMP, F4T_SAFE),
+    "watlow_f4": (F4_IDENTIFY, F4_HOLD, F4_RAMP, F4_SAFE),
+    "eurotherm_3504": (EUROTHERM_IDENTIFY, EUROTHERM_HOLD, EUROTHERM_RAMP, EUROTHERM_SAFE),
 }
 CALLS = {
+    "identify": lambda chamber: None,
     "hold": lambda chamber: chamber.hold_temp_c(-40.5),
     "ramp": lambda chamber: chamber.ramp_to_c(30.0, 1.5),
     "safe": lambda chamber: chamber.make_safe(25.0),
@@ -249,12 +305,20 @@ class Scripted:
 @pytest.mark.parametrize("model", SCRIPTS)
 def test_bytes(model, call, transport):
     script = [] if transport == "tcp" else [*BARRIERS[model]]
-    script += SCRIPTS[model][list(CALLS).index(call)]
+    script += SCRIPTS[model][0]
+    if call != "safe":  # which recognises the controller itself
+        script += TEMPERATURES[model]
+    if call != "identify":
+        script += SCRIPTS[model][list(CALLS).index(call)]
+    if transport != "tcp":  # each port of an F4T has a unit of its own
+        script = [F4T_RTU_UNITS[0] if step == F4T_UNITS[0] else step for step in script]
     wire = Scripted(transport, script)
     # a departure shows as silence, so the time limit is only for failing tests
     config = ChamberConfig(model=model, url=wire.url, unit_id=7, retries=0, timeout_s=2.0)
     chamber = open_chamber(config)
     try:
+        if call != "safe":
+            assert "23.5 °C" in chamber.identify()
         result = CALLS[call](chamber)
         assert result is None or result.verified
         assert chamber.counters.exchanges == len(script)

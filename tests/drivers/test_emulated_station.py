@@ -130,10 +130,3 @@ def test_nothing_is_left_running_when_one_cannot_start(tmp_path):
     emulated.start()  # the address is free now
     emulated.close()
     emulated.close()
-
-
-def test_a_url_of_no_known_kind_is_refused():
-    with pytest.raises(ValueError, match="ftp"):
-        EmulatedStation(
-            station_config(head={"url": "ftp://x"}), BenchPlant(), SteppedClock()
-        ).start()

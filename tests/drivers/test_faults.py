@@ -1,9 +1,10 @@
 import threading
 
 import pytest
+from pydantic import ValidationError
 
 from drivers.clock import SteppedClock
-from drivers.emulators.faults import REPLY_KINDS, STATE_KINDS, FaultPlan
+from drivers.emulators.faults import PANEL_KINDS, REPLY_KINDS, STATE_KINDS, FaultPlan
 from drivers.station import FaultConfig
 
 
@@ -11,13 +12,13 @@ def fault(kind, at_s=0.0, device="chamber", **more):
     return FaultConfig(device=device, kind=kind, at_s=at_s, **more)
 
 
-def test_every_kind_is_either_a_spoiled_reply_or_a_state():
+def test_every_kind_is_a_spoiled_reply_a_state_or_done_at_the_panel():
     from typing import get_args
 
     from drivers.station import FaultKind
 
-    assert set(get_args(FaultKind)) == REPLY_KINDS | STATE_KINDS
-    assert not REPLY_KINDS & STATE_KINDS
+    kinds = [*REPLY_KINDS, *STATE_KINDS, *PANEL_KINDS]
+    assert sorted(kinds) == sorted(get_args(FaultKind))
 
 
 def test_reply_fault_is_due_by_the_clock_and_consumed_once_per_count():
@@ -65,6 +66,22 @@ def test_state_without_duration_lasts_until_cleared():
     assert plan.active("over_temperature")
     plan.clear()
     assert not plan.active("over_temperature")
+
+
+def test_what_is_done_at_the_panel_is_due_by_the_clock_and_done_once():
+    clock = SteppedClock()
+    planned = [fault("loop_off", 20.0), fault("setpoint_changed", 10.0, temp_c=80.0)]
+    plan = FaultPlan(planned, "chamber", clock)
+    assert plan.take_panel_actions() == []
+    clock.sleep_until_s(30.0)
+    assert plan.take_reply_fault() is None, "it spoils no reply"
+    assert plan.take_panel_actions() == [("setpoint_changed", 80.0), ("loop_off", None)]
+    assert plan.take_panel_actions() == []
+
+
+def test_what_is_done_at_the_panel_is_done_at_the_chambers():
+    with pytest.raises(ValidationError, match="happens to the chamber, not to the head"):
+        fault("loop_off", device="head")
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,7 @@
 import math
 
 import pytest
+from pydantic import ValidationError
 
 from drivers import opening
 from drivers.clock import SteppedClock
@@ -81,7 +82,7 @@ class Recorded:
 
 def test_what_was_opened_is_closed_when_the_next_cannot_be(monkeypatch):
     chamber, digitiser = Recorded("chamber", fails=True), Recorded("digitiser")
-    monkeypatch.setattr(opening, "open_chamber", lambda _: chamber)
+    monkeypatch.setattr(opening, "open_chamber", lambda *_, **__: chamber)
     monkeypatch.setattr(opening, "ScanningMultimeter", lambda *_, **__: digitiser)
     config = station_config(head={"url": "serial:///no/such/port"})
     with pytest.raises(LinkError, match=r"head at serial:///no/such/port: cannot be opened"):
@@ -91,7 +92,7 @@ def test_what_was_opened_is_closed_when_the_next_cannot_be(monkeypatch):
 
 def test_all_are_closed_when_one_fails_to(monkeypatch):
     devices = [Recorded("chamber", fails=True), Recorded("digitiser", fails=True), Recorded("head")]
-    monkeypatch.setattr(opening, "open_chamber", lambda _: devices[0])
+    monkeypatch.setattr(opening, "open_chamber", lambda *_, **__: devices[0])
     monkeypatch.setattr(opening, "ScanningMultimeter", lambda *_, **__: devices[1])
     monkeypatch.setattr(opening, "MotionHead", lambda *_: devices[2])
     station = open_station(station_config())
@@ -100,8 +101,22 @@ def test_all_are_closed_when_one_fails_to(monkeypatch):
 
 
 @pytest.mark.parametrize("section", ["chamber", "digitiser", "head"])
-@pytest.mark.parametrize("url", ["", "ftp://x", "serial://", "socket://[::1:3", "modbus+tcp://"])
-def test_a_url_of_the_wrong_kind_is_one_line_with_the_device(section, url):
+@pytest.mark.parametrize("url", ["", "file:///etc/passwd", "ftp://x", "/dev/ttyUSB0"])
+def test_a_url_of_another_scheme_is_refused_with_the_station_file(section, url):
+    with pytest.raises(ValidationError, match=r"url .*: expected ") as caught:
+        station_config(**{section: {"url": url}})
+    assert [error["loc"] for error in caught.value.errors()] == [(section, "url")]
+
+
+@pytest.mark.parametrize(
+    ("section", "url"),
+    [
+        *(("chamber", u) for u in ("modbus+tcp://", "modbus+rtu://", "modbus+tcp://[::1:3")),
+        *(("digitiser", u) for u in ("serial://", "socket://[::1:3", "socket://x")),
+        *(("head", u) for u in ("serial://", "socket://[::1:3", "socket://x")),
+    ],
+)
+def test_a_url_that_leads_nowhere_is_one_line_with_the_device(section, url):
     wrong = {section: getattr(station_config(**{section: {"url": url}}), section)}
     with EmulatedStation(station_config(), BenchPlant(), SteppedClock()) as emulated:
         config = emulated.config.model_copy(update=wrong)

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from errormodel.noise import NoiseModel, correlate, estimate_noise
+from errormodel.noise import NoiseModel, estimate_noise
 from errormodel.record import Record
+from errormodel.whitening import drift_product
 
 
 def uneven_record(n: int = 60) -> Record:
@@ -34,9 +35,9 @@ def test_whitening_is_the_inverse_cholesky_factor() -> None:
 def test_covariance_product_in_linear_time_is_the_dense_one() -> None:
     record = uneven_record()
     columns = np.random.default_rng(0).standard_normal((len(record), 3))
-    expected = covariance(record, NOISE) @ columns
-    drift = NOISE.drift**2 * correlate(record, NOISE.drift_tau_s, columns)
-    assert_allclose(NOISE.white**2 * columns + drift, expected, rtol=1e-10)
+    expected = columns.T @ covariance(record, NOISE) @ columns
+    drift = NOISE.drift**2 * drift_product(record, NOISE.drift_tau_s, columns)
+    assert_allclose(NOISE.white**2 * columns.T @ columns + drift, expected, rtol=1e-10)
 
 
 def test_samples_have_the_covariance_they_claim() -> None:

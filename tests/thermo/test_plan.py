@@ -109,6 +109,24 @@ def test_a_segment_may_have_positions_of_its_own() -> None:
             (("[after_gap]", "[limits]\nchamber_c = [-80.0, 50.0]\n[after_gap]"),),
             ("limits.chamber_c", "wider"),
         ),
+        (
+            (("[after_gap]", "[limits]\naccelerometer_c = [50.0, 60.0]\n[after_gap]"),),
+            ("temperature.start_c", "20 °C", "limits.accelerometer_c 50…60"),
+        ),
+        (
+            (("[after_gap]", "[limits]\naccelerometer_c = [0.0, 25.5]\n[after_gap]"),),
+            ("segment 1", "26 °C", "limits.accelerometer_c 0…25.5"),
+        ),
+        # from the safe 25 °C to 20 °C at 0.5 °C/min
+        (
+            (
+                (
+                    "start_c = 20.0",
+                    "start_c = 20.0\nstart_timeout_min = 9\napproach_c_per_min = 0.5",
+                ),
+            ),
+            ("temperature.start_timeout_min", "9 min", "10 min"),
+        ),
     ],
 )
 def test_what_the_station_cannot_do_is_refused(
@@ -119,6 +137,57 @@ def test_what_the_station_cannot_do_is_refused(
     for word in ("seq.toml", *words):
         assert word in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("limits.accelerometer_c", "[-55.0, 300.0]"),
+        ("limits.max_deviation_c", "1e308"),
+        ("limits.max_deviation_min", "1e6"),
+        ("limits.stuck_c", "1e308"),
+        ("limits.max_failures", "10_000"),
+        ("limits.max_failure_s", "1e9"),
+        ("temperature.start_timeout_min", "9e4"),
+        ("temperature.approach_c_per_min", "1e-6"),
+        ("after_gap.max_gap_s", "1e308"),
+    ],
+)
+def test_a_limit_that_protects_nobody_is_refused_but_can_still_be_read(
+    key: str, value: str
+) -> None:
+    section, name = key.split(".")
+    base = SHORT + ("\n[limits]\n" if section == "limits" else "")
+    sequence = parse_sequence(base.replace(f"[{section}]", f"[{section}]\n{name} = {value}", 1))
+    with pytest.raises(InputError) as caught:
+        make_plan(sequence, STATION, "seq.toml")
+    assert str(caught.value).startswith(f"seq.toml: {key}: ")
+    assert "expected" in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("channel", "emulated", "refused"),
+    [
+        (140, False, False),
+        (141, False, True),
+        (200, False, True),
+        (120, True, False),
+        (121, True, True),
+    ],
+)
+def test_a_channel_that_no_multiplexer_has_is_refused(
+    channel: int, emulated: bool, refused: bool
+) -> None:
+    inputs = [{"serial": "QA-001", "output_channel": channel, "thermistor_channel": 111}]
+    inputs += [{"serial": "QA-002", "output_channel": 102, "thermistor_channel": 112}]
+    data = STATION.model_dump() | {"inputs": inputs, "emulation": {} if emulated else None}
+    station = StationConfig.model_validate(data)
+    if not refused:
+        make_plan(parse_sequence(SHORT), station)
+        return
+    with pytest.raises(InputError, match=f"QA-001: there is no channel {channel}"):
+        make_plan(parse_sequence(SHORT), station)
 
 
 def test_dry_run_text_says_what_matters() -> None:

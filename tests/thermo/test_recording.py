@@ -87,6 +87,9 @@ def test_the_same_content_in_another_spelling(tmp_path, change):
         ("1,A,0,20,0,nan\n", "line 2", "output is empty or not a number"),
         ("1,A,0,20,0,\n", "line 2", "output is empty"),
         ("1,A,0,20,0,inf\n", "line 2", "infinite"),
+        ("1,A,0,20,0,1e300\n", "line 2", "output 1e+300 mA at nominal_scale 1.25 is more than"),
+        ("1,A,1e300,20,0,1\n", "line 2", "time_s 1e+300, expected 1e+12 at most"),
+        ("1,A,0,20,-1e300,1\n", "line 2", "position_deg -1e+300, expected 3.6e+08 at most"),
         ("1,A,0,20,0,1e999\n", "line 2", "infinite"),
         ("1,A,,20,0,1\n", "line 2", "time_s is empty"),
         ("\n1,A,0,20,0,0.1\n\n1,A,0,20,0,0.2\n", "line 5", "time_s 0.0 is not after 0.0 in line 3"),
@@ -223,7 +226,7 @@ def test_any_double_survives_csv(tmp_path_factory, values):
             "output": values,
         }
     )
-    record = make_runs(frame, output_unit="V", gravity_m_s2=9.8, nominal_scale=-0.1)
+    record = make_runs(frame, output_unit="V", gravity_m_s2=9.8, nominal_scale=-1e303)
     write_runs(record, path)
     assert read_runs([path], checked=False).output.tobytes() == np.array(values).tobytes()
 
@@ -423,3 +426,9 @@ def test_writing_refuses_before_it_touches(tmp_path):
     with pytest.raises(InputError, match="cannot be written"):
         write_runs(sample(), tmp_path / "nowhere" / "x.csv")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_an_overload_that_an_instrument_reports_as_a_huge_number_may_stand_flagged(tmp_path):
+    lines = "run,serial,time_s,temp_c,output,flag\n1,A,0,20,9.9e37,overload\n1,A,1,20,1,\n"
+    record = read_runs([put(tmp_path, lines)])
+    assert record.good.tolist() == [False, True]

@@ -155,6 +155,14 @@ def test_written_toml_reads_back_equal(name: str, programme: TemperatureProgramm
         ("[0.0, 90.0, 180.0, 270.0]", "[0.0, 0.0]", "twice"),
         ("[after_gap]", "[limits]\nchamber_c = [0.0, 25.0]\n[after_gap]", "temperature.segments.1"),
         ('gap_rule = "resoak"', 'gap_rule = "hope"', "after_gap.gap_rule"),
+        *(
+            ("[after_gap]", f"[limits]\n{key} = {value}\n[after_gap]", f"limits.{key}")
+            for key, value in (
+                ("chamber_c", "[-55.0, 1e6]"),
+                ("max_bad_share", "1.0"),
+                ("on_thermistor_lost", '"hope"'),
+            )
+        ),
     ],
 )
 def test_a_wrong_value_is_named(tmp_path: Path, old: str, new: str, place: str) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from drivers.chamber_modbus import ModbusChamber
 from tests.workbench.program import ran
 from thermo.recording import read_runs
 from thermo.station_types import RunControl
@@ -17,6 +18,7 @@ HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
 MINI = HERE / "mini.toml"
 STATION = ROOT / "data/stations/f4t.toml"
+SHORT = ROOT / "data/sequences/short.toml"
 
 
 @pytest.fixture(scope="module")
@@ -168,6 +170,48 @@ def test_a_sequence_that_cannot_be_run_is_refused(refused, tmp_path, old, new, s
         message = refused("run", path, "--store", tmp_path / "s.sqlite", *more)
         assert str(path) in message
         assert said in message
+
+
+def test_more_accelerometers_than_can_be_emulated_are_refused(refused, tmp_path):
+    path = tmp_path / "many.toml"
+    many = "".join(
+        f'[[accelerometers]]\nserial = "X{k}"\nnominal_scale = 1.3\n\n' for k in range(29)
+    )
+    path.write_text(MINI.read_text().replace("[[accelerometers]]", many + "[[accelerometers]]", 1))
+    assert "31 are too many to emulate, at most 30" in refused("run", path, "--dry-run")
+
+
+def test_a_chamber_in_use_is_refused_unless_it_is_taken_over(call, refused, tmp_path, monkeypatch):
+    monkeypatch.setattr(ModbusChamber, "read_occupation", lambda _: ("profile 3 is running",))
+    sequence, store = tmp_path / "short.toml", tmp_path / "s.sqlite"
+    sequence.write_text(SHORT.read_text())
+    said = refused("run", sequence, "--store", store)
+    assert "profile 3 is running" in said
+    assert "--take-over" in said
+    assert not store.exists()
+    done = call("run", sequence, "--store", store, "--take-over", "--json")
+    assert done.code == 0
+    assert done.document["safe"]["commanded"] is True
+    assert done.document["complaints"] == []
+    with open_store(store) as opened:
+        events = opened.events(done.document["test_id"])
+    assert [e.text for e in events if e.kind == "take-over"] == ["profile 3 is running"]
+
+
+def test_a_chamber_changed_by_somebody_else_is_told_and_exit_code_1(call, tmp_path, monkeypatch):
+    sequence, store = tmp_path / "short.toml", tmp_path / "s.sqlite"
+    sequence.write_text(SHORT.read_text())
+    looks = iter(range(10_000))
+
+    def read_foreign_changes(_: ModbusChamber) -> tuple[str, ...]:
+        return ("set point 80 °C, commanded 20 °C",) if next(looks) > 40 else ()
+
+    monkeypatch.setattr(ModbusChamber, "read_foreign_changes", read_foreign_changes)
+    done = call("run", sequence, "--store", store)
+    assert done.code == 1
+    assert "failed: somebody else changed the chamber: set point 80 °C" in done.out
+    assert "chamber's safe condition verified" in done.out
+    assert "complaint: somebody else changed the chamber" in done.out
 
 
 def test_speed_is_for_emulated_instruments(refused, tmp_path):

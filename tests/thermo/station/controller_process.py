@@ -26,7 +26,7 @@ class Teller:
 
 
 def main() -> None:
-    speed, sequence_path, config_path, store_path, resume = sys.argv[1:6]
+    speed, sequence_path, config_path, store_path, resume, *silence = sys.argv[1:]
     outcome = run_on_station(
         None if resume != "-" else load_sequence(sequence_path),
         StationConfig.model_validate_json(Path(config_path).read_text(encoding="utf-8")),
@@ -34,6 +34,7 @@ def main() -> None:
         clock=ScaledClock(float(speed)),
         resume=None if resume == "-" else resume,
         observers=[Teller()],
+        silence_s=float(silence[0]) if silence else None,
     )
     say("outcome", outcome.status, outcome.safe.verified, outcome.reason)
 

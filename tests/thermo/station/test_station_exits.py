@@ -5,8 +5,9 @@ import json
 
 import pytest
 
-from drivers.devices import SafeResult
+from drivers.devices import ChannelReading, SafeResult
 from drivers.errors import DeviceError, LinkError, ProtocolError
+from drivers.thermistor import ohm_from_temp_c
 from errormodel.errors import StoreError
 from thermo.station import run_test
 from thermo.station_types import RunControl
@@ -216,7 +217,7 @@ def test_a_runaway_chamber_trips(edit_sequence, station, store, world):
 def test_a_chamber_off_the_programme_trips_after_the_stated_time(
     edit_sequence, station, store, world
 ):
-    text = "[limits]\nmax_deviation_c = 1.0\nmax_deviation_min = 0.5\nstuck_c = 50.0\n[after_gap]"
+    text = "[limits]\nmax_deviation_c = 1.0\nmax_deviation_min = 0.5\nstuck_c = 30.0\n[after_gap]"
     station.chamber.ramp_to_c = lambda temp_c, rate: world.call("chamber.ramp_to_c")
     outcome = run_test(edit_sequence(("[after_gap]", text)), station, store, world.clock)
     assert outcome.status == "failed"
@@ -236,11 +237,18 @@ def test_an_alarm_trips(short, station, store, world):
 
 
 def test_an_accelerometer_too_hot_trips_and_is_stored(edit_sequence, station, store, world):
-    text = "[limits]\naccelerometer_c = [0.0, 23.0]\n[after_gap]"
+    text = "[limits]\naccelerometer_c = [0.0, 26.0]\n[after_gap]"
+    hot_ohm = ohm_from_temp_c(40.0, world.config.inputs[0].thermistor)
+
+    def spoil(reading: ChannelReading) -> ChannelReading:
+        hot = reading.channel == 111 and world.calls.count("digitiser.scan") > 12
+        return dataclasses.replace(reading, value=hot_ohm) if hot else reading
+
+    station.digitiser.spoil = spoil
     outcome = run_test(edit_sequence(("[after_gap]", text)), station, store, world.clock)
-    assert "outside 0…23 °C" in outcome.reason
+    assert "outside 0…26 °C" in outcome.reason
     check_safe(outcome, world, store)
-    assert store.readings(outcome.test_id).temp_c.max() > 23.0
+    assert store.readings(outcome.test_id).temp_c.max() > 39.0
 
 
 def test_a_start_that_is_never_reached(edit_sequence, station, store, world):

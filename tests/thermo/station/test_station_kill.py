@@ -4,23 +4,26 @@ import json
 import os
 import random
 import signal
-import subprocess
-import sys
-import threading
 import time
-from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 
-from drivers.chambers import open_chamber
-from drivers.station import StationConfig
-from thermo.guarding import Guardian, collect_result, result_file, wait_for_guardian
-from thermo.station_shell import load_sequence
+from tests.thermo.station.processes import (
+    Controller,
+    chamber_config,
+    hold,
+    newest_test,
+    serving,
+    setpoint_c,
+)
+from thermo.guardian import Charge
+from thermo.guardian_process import Guardian
+from thermo.guardian_record import GuardianRecord, read_record
+from thermo.guardian_results import collect_result, result_file
+from thermo.guarding import take_lock
 from thermo.store import NewTest, open_store
 
-HERE = Path(__file__).parent
-SPEED = 300.0
 SEQUENCE = """
 name = "kill"
 accelerometers = [{serial = "A", nominal_scale = 1.3}, {serial = "B", nominal_scale = 1.3}]
@@ -47,87 +50,10 @@ resoak_min = 1.0
 """
 
 
-class Controller:
-    """A controller process and everything it has said."""
-
-    def __init__(self, *args: str) -> None:
-        self.process = subprocess.Popen(
-            [sys.executable, str(HERE / "controller_process.py"), *args],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            text=True,
-        )
-        self.lines: list[str] = []
-        self.spoke = threading.Event()
-        self._reader = threading.Thread(target=self._read, daemon=True)
-        self._reader.start()
-
-    def _read(self) -> None:
-        assert self.process.stdout is not None
-        for line in self.process.stdout:
-            # a line the kill has torn was not said
-            if line.endswith("\n"):
-                self.lines.append(line.strip())
-                self.spoke.set()
-
-    def end(self) -> list[str]:
-        self.process.wait(60)
-        self._reader.join(10)
-        assert self.process.stdout is not None
-        self.process.stdout.close()
-        return self.lines
-
-    def wait_for(self, start: str, patience_s: float = 30) -> None:
-        give_up = time.monotonic() + patience_s
-        while not any(line.startswith(start) for line in self.lines):
-            assert time.monotonic() < give_up, self.lines[-5:]
-            time.sleep(0.005)
-
-
-@contextmanager
-def serving(tmp_path):
-    """An emulated station in a process of its own; yields what a controller has to be told."""
-    sequence = tmp_path / "kill.toml"
-    sequence.write_text(SEQUENCE, encoding="utf-8")
-    load_sequence(sequence)
-    process = subprocess.Popen(
-        [sys.executable, str(HERE / "emulator_process.py"), str(SPEED), str(sequence)],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    assert process.stdout is not None
-    assert process.stdin is not None
-    try:
-        line = process.stdout.readline()
-        config = tmp_path / "station.json"
-        config.write_text(line, encoding="utf-8")
-        yield str(SPEED), str(sequence), str(config), str(tmp_path / "store.sqlite")
-    finally:
-        process.stdin.close()
-        process.stdout.close()
-        process.wait(20)
-
-
 @pytest.fixture(scope="module")
 def bench(tmp_path_factory):
-    with serving(tmp_path_factory.mktemp("bench")) as served:
+    with serving(tmp_path_factory.mktemp("bench"), SEQUENCE) as served:
         yield served
-
-
-def setpoint_c(config_path: str) -> float:
-    config = StationConfig.model_validate_json(Path(config_path).read_text(encoding="utf-8"))
-    chamber = open_chamber(config.chamber)
-    try:
-        return chamber.read_setpoint_c()
-    finally:
-        chamber.close()
-
-
-def newest_test(store_path: str) -> str:
-    with open_store(store_path) as store:
-        tests = store.tests()
-    return tests[-1].id if tests else "-"
 
 
 def status_of(store_path: str, test_id: str) -> str:
@@ -138,7 +64,7 @@ def status_of(store_path: str, test_id: str) -> str:
 def check_after_kill(bench, test_id: str, lines: list[str], acks: set[tuple[str, ...]]) -> None:
     _, _, config, store_path = bench
     path = result_file(store_path, test_id)
-    wait_for_guardian(chamber_config(bench))
+    take_lock(chamber_config(bench)).release()
     assert setpoint_c(config) == 25.0
     with open_store(store_path) as store:
         frame = store.readings(test_id)
@@ -147,7 +73,9 @@ def check_after_kill(bench, test_id: str, lines: list[str], acks: set[tuple[str,
         assert json.loads(ended_itself)["verified"] is True
     elif "event approach" in lines or "event segment" in lines:
         # it had a guardian, and that has seen to the chamber
-        assert json.loads(path.read_text(encoding="utf-8"))["verified"] is True
+        record = read_record(path)
+        assert record is not None
+        assert record.verified
     stored = {
         (str(r.run), str(r.slot), str(r.attempt), str(r.serial), repr(float(r.output)))
         for r in frame.itertuples()
@@ -200,7 +128,7 @@ def test_a_hundred_kills(tmp_path_factory):
     left, seed = 100, 10
     while left > 0:
         seed += 1
-        with serving(tmp_path_factory.mktemp("bench")) as bench:
+        with serving(tmp_path_factory.mktemp("bench"), SEQUENCE) as bench:
             left -= kill_and_resume(bench, kills=min(left, 5), seed=seed)
 
 
@@ -225,56 +153,54 @@ def test_a_signal_ends_the_test_safely_however_often_it_comes(bench, number):
 # ---- the guardian alone ----
 
 
-def chamber_config(bench):
-    text = Path(bench[2]).read_text(encoding="utf-8")
-    return StationConfig.model_validate_json(text).chamber
+def started(config, path: Path, limit_s: float = 60.0) -> Guardian:
+    made = Guardian(Charge(chamber=config, result_path=path, limit_s=limit_s))
+    made.wait_until_ready()
+    return made
 
 
-def hold(config, temp_c: float) -> None:
-    chamber = open_chamber(config)
-    chamber.hold_temp_c(temp_c)
-    chamber.close()
-
-
-def wait_for_file(path: Path) -> dict:
-    give_up = time.monotonic() + 20
-    while not path.exists():
-        assert time.monotonic() < give_up
+def wait_for_record(path: Path, phase: str) -> GuardianRecord:
+    give_up = time.monotonic() + 30
+    while (record := read_record(path)) is None or record.phase != phase:
+        assert time.monotonic() < give_up, record
         time.sleep(0.02)
-    return json.loads(path.read_text(encoding="utf-8"))
+    return record
 
 
 def test_a_dismissed_guardian_leaves_the_chamber_alone(bench, tmp_path):
     config = chamber_config(bench)
-    guardian = Guardian(config, tmp_path / "g.json")
+    guardian = started(config, tmp_path / "g.json")
     hold(config, 40.0)
     guardian.dismiss()
     assert setpoint_c(bench[2]) == 40.0
     assert not (tmp_path / "g.json").exists()
-    wait_for_guardian(config, 0.0)
     guardian.dismiss()  # harmless
 
 
 def test_a_guardian_is_deaf_to_signals_and_acts_when_it_is_left(bench, tmp_path):
     config = chamber_config(bench)
-    with Guardian(config, tmp_path / "g.json") as guardian:
+    with started(config, tmp_path / "g.json") as guardian:
         hold(config, 40.0)
-        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGTSTP):
             os.kill(guardian.pid, number)
         assert os.getsid(guardian.pid) == guardian.pid
-    result = wait_for_file(tmp_path / "g.json")
-    assert result["verified"] is True
+    assert wait_for_record(tmp_path / "g.json", "safe").verified
     assert setpoint_c(bench[2]) == 25.0
-    wait_for_guardian(config)
 
 
-def test_a_guardian_that_cannot_reach_the_chamber_says_so(tmp_path, bench):
+def test_a_guardian_that_cannot_reach_the_chamber_says_so_and_goes_on_trying(tmp_path, bench):
     config = chamber_config(bench).model_copy(update={"url": "modbus+tcp://127.0.0.1:9"})
-    with Guardian(config, tmp_path / "g.json", retry_s=0.0):
+    with started(config, tmp_path / "g.json") as guardian:
         pass
-    result = wait_for_file(tmp_path / "g.json")
-    assert result["verified"] is False
-    assert result["steps"]
+    try:
+        record = wait_for_record(tmp_path / "g.json", "trying")
+        assert record.needs_help
+        assert record.alive
+        assert "goes on trying" in record.text
+        assert "attempt" in record.text
+    finally:
+        os.kill(guardian.pid, signal.SIGKILL)
+        os.waitpid(guardian.pid, 0)
 
 
 def test_what_a_guardian_left_is_entered_once(tmp_path):

@@ -77,14 +77,19 @@ def test_sequence_versions_and_settings_are_kept(short, station, store, world):
     ],
 )
 def test_a_bad_channel_leaves_an_empty_flagged_value(
-    short, station, store, world, channel, spoilt, empty, kept, flag
+    edit_sequence, station, store, world, channel, spoilt, empty, kept, flag
 ):
     def spoil(reading: ChannelReading) -> ChannelReading:
         return dataclasses.replace(reading, **spoilt) if reading.channel == channel else reading
 
     station.digitiser.spoil = spoil
-    outcome = run_test(short, station, store, world.clock)
+    text = "[limits]\nmax_thermistor_losses = 1000\n[after_gap]"
+    outcome = run_test(edit_sequence(("[after_gap]", text)), station, store, world.clock)
     assert outcome.status == "finished"
+    assert not outcome.clean
+    assert outcome.complaints == (
+        "accelerometer QA-001: 56 of 56 slots missed or flagged, 10% are allowed",
+    )
     frame = store.readings(outcome.test_id)
     bad = frame[frame.serial == "QA-001"]
     assert bad[empty].isna().all()
@@ -233,7 +238,10 @@ def test_an_instrument_missing_from_the_start_stores_nothing(short, station, sto
     outcome = run_test(short, station, store, world.clock)
     assert (outcome.status, outcome.test_id) == ("failed", "")
     assert "head: no reply" in outcome.reason
-    assert outcome.safe.verified
+    assert not outcome.safe.verified
+    assert not outcome.safe.commanded
+    assert "chamber.make_safe" not in world.calls
+    assert "head.stop" not in world.calls
     assert store.tests() == ()
 
 
