@@ -22,11 +22,11 @@ from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from errormodel.arrays import FloatArray, IntArray
 from errormodel.robust import bisquare_fit, robust_sigma, running_median
+from thermo.recording_check import OVERLOAD
 from thermo.recording_model import RecordedRuns
 
 log = logging.getLogger(__name__)
 
-OVERLOAD = 9.9e37  # what SCPI instruments give for an overload (and 9.91e37 for no number)
 POSSIBLE_C = (-120.0, 250.0)  # of an accelerometer; −127, −273.15 and 900 are a sensor's words
 # A normal deviate is beyond 6.5 sigma once in 1e10. The rest is for sigmas that are estimated, and
 # for tails somewhat heavier than normal.
@@ -35,8 +35,17 @@ HALF_WINDOWS = (2, 5, 25)  # readings on either side; a burst shorter than that 
 SENSOR_STEP_C = 0.05  # smaller steps of a thermistor move no output by more than its noise
 OUTPUT_HALF_WINDOW = 12  # visits of the same position on either side
 MOST_OUTLIERS = 0.02  # of a series; what is more frequent is no accident but structure
+RATE_SPANS_S = (
+    30.0,
+    50.0,
+    80.0,
+    120.0,
+    170.0,
+    230.0,
+    300.0,
+)  # thermal time constants of an accelerometer in its case
 FEWEST = 20  # readings of a series that show what is usual in it
-SAMPLE = 20_000  # readings for the preliminary model, or for which it is evaluated at once
+SAMPLE = 6000  # readings for the preliminary model, or for which it is evaluated at once
 FEWEST_CLIPPED = 3
 CLIP_SIGMA = 4.0
 LIKELY_REPEATS = 1e-6  # chance of so many equal digits in a row that is called impossible
@@ -53,6 +62,7 @@ class _Series:
     rows: IntArray  # in the record
     time_s: FloatArray
     temp_c: FloatArray
+    rate: FloatArray  # shape (n, m): of the temperature, °C/min, over several times
     output: FloatArray  # in nominal g
     place: IntArray  # which position; 0 for all where the input is unknown
     a_g: FloatArray | None  # shape (n, 3)
@@ -213,19 +223,26 @@ def _preliminary(record: RecordedRuns, serial: str, flags: dict[int, str]) -> Fl
     forces = [one.a_g for one in series if one.a_g is not None]
     a_g = np.concatenate(forces) if len(forces) == len(series) else None
     thin = max(1, len(temp_c) // SAMPLE)
-    columns = _columns(temp_c[::thin], None if a_g is None else a_g[::thin])
+    rate = np.concatenate([one.rate for one in series])
+    columns = _columns(temp_c[::thin], rate[::thin], None if a_g is None else a_g[::thin])
     return bisquare_fit(columns, output[::thin])
 
 
-def _columns(temp_c: FloatArray, a_g: FloatArray | None) -> FloatArray:
-    """Return the regressors of a preliminary model: K0 and K1 to the fourth order, static terms."""
+def _columns(temp_c: FloatArray, rate: FloatArray, a_g: FloatArray | None) -> FloatArray:
+    """Return the regressors of a preliminary model.
+
+    K0 and K1 to the fourth order, the static terms, and K0 and K1 by the rate of temperature: an
+    inner temperature that lags shifts both curves by what it lags, most where a ramp turns.
+    """
     x = (temp_c - 25.0) / 50.0
     powers = np.vander(x, 5, increasing=True)
+    lagged = np.hstack([rate, rate * x[:, None]])
+    thermal = np.hstack([powers, lagged])
     if a_g is None:
-        return powers
+        return thermal
     a_i, a_p, a_o = a_g.T
     static = np.column_stack([a_i**2, a_i**3, a_p, a_o, a_i * a_p, a_i * a_o])
-    return np.hstack([powers, powers * a_i[:, None], static])
+    return np.hstack([thermal, thermal * a_i[:, None], static])
 
 
 def _expected(one: _Series, model: FloatArray) -> FloatArray:
@@ -234,7 +251,7 @@ def _expected(one: _Series, model: FloatArray) -> FloatArray:
     for begin in range(0, len(expected), SAMPLE):
         rows = slice(begin, begin + SAMPLE)
         a_g = None if one.a_g is None else one.a_g[rows]
-        expected[rows] = _columns(one.temp_c[rows], a_g) @ model
+        expected[rows] = _columns(one.temp_c[rows], one.rate[rows], a_g) @ model
     return expected
 
 
@@ -313,10 +330,26 @@ def _all_series(
             rows=rows,
             time_s=record.time_s[rows],
             temp_c=record.temp_c[rows],
+            rate=_rates(record.time_s[rows], record.temp_c[rows]),
             output=record.output[rows] / record.scale_of(run, name).nominal_scale,
             place=_places(a_g, len(rows)),
             a_g=a_g,
         )
+
+
+def _rates(time_s: FloatArray, temp_c: FloatArray) -> FloatArray:
+    """Return the temperature's slope over the last minutes, °C/min, shape (n, m).
+
+    Taken backwards: what lags behind the temperature goes by what it was. The steps into and out
+    of a burst of wrong temperatures are no rates: they are cut to what is usual.
+    """
+    slopes = list[FloatArray]()
+    for span_s in RATE_SPANS_S:
+        before_c = np.interp(time_s - span_s, time_s, temp_c)
+        slope = 60.0 * (temp_c - before_c) / span_s
+        usual = 1.5 * float(np.quantile(np.abs(slope), 0.95)) + 60.0 * SENSOR_STEP_C / span_s
+        slopes.append(np.clip(slope, -usual, usual))
+    return np.column_stack(slopes)
 
 
 def _places(a_g: FloatArray | None, n: int) -> IntArray:
