@@ -35,15 +35,8 @@ HALF_WINDOWS = (2, 5, 25)  # readings on either side; a burst shorter than that 
 SENSOR_STEP_C = 0.05  # smaller steps of a thermistor move no output by more than its noise
 OUTPUT_HALF_WINDOW = 12  # visits of the same position on either side
 MOST_OUTLIERS = 0.02  # of a series; what is more frequent is no accident but structure
-RATE_SPANS_S = (
-    30.0,
-    50.0,
-    80.0,
-    120.0,
-    170.0,
-    230.0,
-    300.0,
-)  # thermal time constants of an accelerometer in its case
+# thermal time constants of an accelerometer in its case
+RATE_SPANS_S = (30.0, 50.0, 80.0, 120.0, 170.0, 230.0, 300.0)
 FEWEST = 20  # readings of a series that show what is usual in it
 SAMPLE = 6000  # readings for the preliminary model, or for which it is evaluated at once
 FEWEST_CLIPPED = 3
