@@ -54,7 +54,7 @@ class CompensatedFile:
 
 
 def compensate_files(
-    paths: Sequence[Path | str], model: Path | str, out: Path | str
+    paths: Sequence[Path | str], model: Path | str, out: Path | str, *, trust_units: bool = False
 ) -> CompensatedFile:
     """Apply a model file to recorded runs and write them with two columns more.
 
@@ -70,6 +70,8 @@ def compensate_files(
         Model file.
     out : path
         What to write; replaced when it exists.
+    trust_units : bool
+        As for `thermo.recording.read_runs`.
 
     Returns
     -------
@@ -84,7 +86,7 @@ def compensate_files(
     for path in paths:
         refuse_compensated(Path(path))
     models = read_model(model)
-    runs = read_runs(paths)
+    runs = read_runs(paths, trust_units=trust_units)
     known = [a.serial for a in models.accelerometers]
     for serial in runs.serials:
         if serial not in known:

@@ -123,6 +123,11 @@ class AccelerometerFit:
         """Serial number."""
         return self.channel.serial
 
+    @property
+    def worse_than_none(self) -> bool:
+        """Whether the model leaves more than constants alone do, by more than rounding."""
+        return self.summary.rms_ug > 1.01 * self.raw.rms_ug
+
 
 def fit_runs(
     runs: RecordedRuns,

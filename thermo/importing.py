@@ -2,15 +2,19 @@
 
 import logging
 from dataclasses import dataclass
-from datetime import UTC, datetime, timedelta
+from datetime import UTC, datetime, timedelta, tzinfo
+from itertools import pairwise
 from pathlib import Path
+from zoneinfo import ZoneInfo
 
 import numpy as np
 
 from errormodel.errors import InputError
 from errormodel.files import read_toml
+from errormodel.robust import longest_increasing
 from thermo.importing_log import Log, chosen_rows, matching, read_log
 from thermo.importing_map import Accelerometer, LogMap, Temperature, TimeColumn, Value
+from thermo.readings_check import flag_readings
 from thermo.recording_check import Table, build
 from thermo.recording_model import FORCES, BoolArray, FloatArray, IntArray, Labels, RecordedRuns
 
@@ -75,18 +79,45 @@ class _Times:
 def _raw_times(rows: Log, mapping: LogMap) -> _Times:
     cells = rows.cells(mapping.time.column)
     if mapping.time.format is not None:
-        return _dates(cells, mapping.time)
+        if mapping.time.date is not None:
+            days = rows.cells(mapping.time.date)
+            cells = [f"{day} {cell}" for day, cell in zip(days, cells, strict=True)]
+        return _dates(rows, cells, mapping.time)
     values: list[int | float | None] = []
     for cell in cells:
         number = rows.number(cell)
         whole = len(cell) < 30 and cell.lstrip("+-").isdecimal() and cell.isascii()
         values.append(int(cell) if whole else number if np.isfinite(number) else None)
+    if mapping.time.wrap_bits is not None:
+        values = _continued(rows, values, 2**mapping.time.wrap_bits, "the counter began anew")
     return _Times(values, mapping.time.unit_s)
 
 
-def _dates(cells: list[str], column: TimeColumn) -> _Times:
+def _continued(
+    rows: Log, values: list[int | float | None], period: int, what: str
+) -> list[int | float | None]:
+    """Count on where a counter of `period` begins anew: where it falls by more than half of it."""
+    begun: list[int] = []
+    offset, before = 0, None
+    out: list[int | float | None] = []
+    for i, value in enumerate(values):
+        if value is not None:
+            if before is not None and value - before < -period / 2:
+                offset += period
+                begun.append(i)
+            before = value
+        out.append(None if value is None else value + offset)
+    if begun:
+        where = ", ".join(f"line {rows.lines[i]}" for i in begun[:3])
+        log.warning("%s: %s %d times (%s …)", rows.path, what, len(begun), where)
+    return out
+
+
+def _dates(rows: Log, cells: list[str], column: TimeColumn) -> _Times:
     """Return dates as whole microseconds; either all of them tell their time zone or none."""
     epoch, step = datetime(1970, 1, 1, tzinfo=UTC), timedelta(microseconds=1)
+    zone = UTC if column.zone is None else ZoneInfo(column.zone)
+    before: datetime | None = None
     values: list[int | float | None] = []
     zones: set[bool] = set()
     for cell in cells:
@@ -95,42 +126,97 @@ def _dates(cells: list[str], column: TimeColumn) -> _Times:
                 instant = datetime.fromisoformat(cell)
             else:
                 instant = datetime.strptime(cell, column.format or "")
-            zones.add(instant.tzinfo is not None)
-            values.append((instant.replace(tzinfo=instant.tzinfo or UTC) - epoch) // step)
+            zones.add(instant.tzinfo is not None or column.zone is not None)
+            if instant.tzinfo is None:
+                instant = _in_zone(instant, zone, before)
+            before = instant
+            values.append((instant - epoch) // step)
         except (ValueError, OverflowError):
             values.append(None)
-    return _Times(values, 1e-6, zones == {True})
+    if column.without_day:
+        day = timedelta(days=1) // step
+        values = _continued(rows, values, day, "the time of day ran over midnight")
+    elif zones == {False}:
+        _tell_change_of_clocks(rows, values)
+    return _Times(values, 1e-6, zones == {True} and not column.without_day)
+
+
+def _in_zone(instant: datetime, zone: tzinfo, before: datetime | None) -> datetime:
+    """Give a local time its zone; an hour that comes twice is the second one after the first."""
+    first = instant.replace(tzinfo=zone)
+    if before is not None and first <= before:
+        second = first.replace(fold=1)
+        if second.astimezone(UTC) > before.astimezone(UTC):
+            return second.astimezone(UTC)
+    return first.astimezone(UTC)
+
+
+def _tell_change_of_clocks(rows: Log, values: list[int | float | None]) -> None:
+    """Say where local times go back by an hour: the clocks were changed, and a zone would tell."""
+    hour = 3_600_000_000
+    for i, (before, after) in enumerate(pairwise(values)):
+        if before is not None and after is not None and -hour <= after - before < -0.9 * hour:
+            log.warning(
+                "%s: line %d: the time goes back by an hour: were the clocks changed? give zone "
+                "in [time], like Europe/Berlin", rows.path, rows.lines[i + 1],
+            )  # fmt: skip
+            return
 
 
 def _placeable(rows: Log, times: _Times, mapping: LogMap) -> tuple[Log, _Times]:
-    """Leave out rows without a time, or refuse them; and so those that run backwards."""
-    keep = np.ones(len(rows.rows), dtype=np.bool_)
-    run_of = _run_cells(rows, mapping)
-    interleaved = any(a.only is not None for a in mapping.accelerometers)
-    last: dict[str, int | float] = {}
-    for i, value in enumerate(times.values):
-        before = last.get(run_of[i])
-        # where rows belong to different accelerometers, each one's own order is checked later
-        backwards = not interleaved and value is not None and before is not None and value <= before
-        if value is None or backwards:
-            cell = rows.cells(mapping.time.column)[i] if mapping.on_bad_row == "error" else ""
-            what = f"is not after {before}" if backwards else "is no time"
-            keep[i] = _left_out(rows, i, f"time {cell!r:.60} {what}", mapping)
-        else:
-            last[run_of[i]] = value
-    left = len(keep) - int(keep.sum())
-    if left:
-        log.warning("%s: %d rows left out: time missing or not increasing", rows.path, left)
+    """Leave out rows without a time or out of order, or refuse them.
+
+    Of each run the longest sequence that increases is kept: one wrong stamp costs one row.
+    """
+    value = np.array([np.nan if v is None else v - _least(times.values) for v in times.values])
+    keep = ~np.isnan(value)
+    # where rows belong to different accelerometers, each one's own order is checked later
+    if not any(a.only is not None for a in mapping.accelerometers):
+        run_of = np.array(_run_cells(rows, mapping), dtype=object)
+        for run in dict.fromkeys(run_of.tolist()):
+            mine = np.flatnonzero(run_of == run)
+            keep[mine] = longest_increasing(value[mine])
+    if not keep.all():
+        if mapping.on_bad_row == "error":
+            raise _first_fault(rows, value, mapping)
+        _tell_left_out(rows, np.flatnonzero(~keep), mapping)
     if not keep.any():
         raise InputError(rows.path, "", "no row has a time")
-    kept = [value for value, k in zip(times.values, keep.tolist(), strict=True) if k]
+    kept = [v for v, k in zip(times.values, keep.tolist(), strict=True) if k]
     return rows.take(keep), _Times(kept, times.unit_s, times.zone_known)
 
 
-def _left_out(rows: Log, i: int, problem: str, mapping: LogMap) -> bool:
-    if mapping.on_bad_row == "error":
-        raise InputError(rows.path, f"line {rows.lines[i]}", problem)
-    return False
+def _first_fault(rows: Log, value: FloatArray, mapping: LogMap) -> InputError:
+    """Return the complaint about the first row without a time or out of order."""
+    run_of, cells = _run_cells(rows, mapping), rows.cells(mapping.time.column)
+    last: dict[str, int] = {}
+    for i, run in enumerate(run_of):
+        before = last.get(run)
+        if np.isnan(value[i]) or (before is not None and value[i] <= value[before]):
+            what = "is no time" if before is None or np.isnan(value[i]) else (
+                f"is not after {cells[before]} of line {rows.lines[before]}"
+            )  # fmt: skip
+            problem = f'time {cells[i]!r:.60} {what}; on_bad_row = "flag" leaves such rows out'
+            return InputError(rows.path, f"line {rows.lines[i]}", problem)
+        last[run] = i
+    raise AssertionError("called for a log without a fault")
+
+
+def _tell_left_out(rows: Log, left: IntArray, mapping: LogMap) -> None:
+    cells = rows.cells(mapping.time.column)
+    shown = [f"line {rows.lines[i]} ({cells[i]!r:.40})" for i in left[:3].tolist()]
+    log.warning(
+        "%s: %d rows left out, time missing or out of order: %s%s",
+        rows.path,
+        len(left),
+        ", ".join(shown),
+        " …" if len(left) > len(shown) else "",
+    )
+
+
+def _least(values: list[int | float | None]) -> int | float:
+    """Return the least time: taken off first, what is left is exact enough to be ordered by."""
+    return min((v for v in values if v is not None), default=0)
 
 
 def _run_cells(rows: Log, mapping: LogMap) -> list[str]:
@@ -179,10 +265,11 @@ def _readings(
         return _Part(one.serial, np.flatnonzero(keep), {}, [])
     mark = None if strict else bad
     temperature = one.temperature or mapping.temperature
-    assert temperature is not None
-    number = {"time_s": time_s[keep], "temp_c": _celsius(mine, temperature, mark)}
+    number = {"time_s": time_s[keep], "temp_c": np.full(len(mine.rows), np.nan)}
+    if temperature is not None:
+        number["temp_c"] = _celsius(mine, temperature, mark)
     with np.errstate(over="ignore"):  # an infinite product is found out with its line
-        number["output"] = mine.numbers(one.column, mark) * mapping.factor(one)
+        number["output"] = _counts(mine, one, mark) * mapping.factor(one)
     if mapping.chamber is not None:
         number["chamber_c"] = _celsius(mine, mapping.chamber, mark)
     for name in ("position_deg", *FORCES):
@@ -196,6 +283,14 @@ def _readings(
         right = mine.matches(rule.column, rule.good).tolist()
         flag = [f if f or r else rule.flag for f, r in zip(flag, right, strict=True)]
     return _Part(one.serial, np.flatnonzero(keep), number, flag)
+
+
+def _counts(rows: Log, one: Accelerometer, bad: BoolArray | None) -> FloatArray:
+    """Return an accelerometer's column; counts written as unsigned are made signed again."""
+    value = rows.numbers(one.column, bad)
+    if not one.signed or one.bits is None:
+        return value
+    return np.where(value >= 2.0 ** (one.bits - 1), value - 2.0**one.bits, value)
 
 
 def _celsius(rows: Log, column: Temperature, bad: BoolArray | None) -> FloatArray:
@@ -234,4 +329,5 @@ def _record(
         "flag": Labels.of(flags[order]),
     }
     table = Table(text, number, str(rows.path), lambda i: f"line {rows.lines[int(row[i])]}")
-    return build(table, mapping.output.scale, starts)
+    record = build(table, mapping.output.scale, starts)
+    return flag_readings(record, table.place)

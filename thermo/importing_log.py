@@ -2,6 +2,7 @@
 
 import csv
 import io
+import logging
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -13,6 +14,8 @@ from errormodel.errors import InputError
 from errormodel.tables import NUMBER
 from thermo.importing_map import Column, FileFormat, Rows, Where
 from thermo.recording_model import BoolArray, FloatArray
+
+log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,6 +74,8 @@ class Log:
         """Return a cell's number; NaN when it is none."""
         if self.decimal == ",":
             cell = cell.replace(",", ".") if "." not in cell else "?"
+        if cell[:1] in ("+", "-"):  # instruments write "- 1.25"
+            cell = cell[0] + cell[1:].lstrip()
         return float(cell) if NUMBER.fullmatch(cell) else math.nan
 
     def matches(self, column: Column, wanted: str | float) -> BoolArray:
@@ -98,17 +103,29 @@ def read_log(path: Path, form: FileFormat) -> Log:
     Raises
     ------
     InputError
-        If it cannot be read, has no rows, or a line has more or fewer cells than the first.
+        If it cannot be read, has no rows, or a line has more or fewer cells than the first. A
+        delimiter at the end of the rows of readings alone is no cell, and a last line that was
+        cut short is left out with a warning.
     """
     rows: list[list[str]] = []
     lines: list[int] = []
+    torn: InputError | None = None
     for line, cells in _cells(path, form):
+        if torn is not None:
+            raise torn
+        if rows and len(cells) == len(rows[0]) + 1 and not cells[-1].strip():
+            cells = cells[:-1]
         if rows and len(cells) != len(rows[0]):
-            raise InputError(
+            torn = InputError(
                 path, f"line {line}", f"{len(cells)} cells, expected {len(rows[0])} as before"
             )
+            if len(cells) > len(rows[0]):
+                raise torn
+            continue
         rows.append(cells)
         lines.append(line)
+    if torn is not None:
+        log.warning("%s; the last line is left out", torn)
     names = tuple(cell.strip() for cell in rows[0]) if rows and form.header else ()
     first = 1 if form.header else 0
     if len(rows) <= first:

@@ -4,8 +4,10 @@ Columns are named as in the log's header, or numbered from 1.
 """
 
 import codecs
+import re
 from datetime import datetime
 from typing import Annotated, Literal, TypeAlias
+from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
 from pydantic import (
     BaseModel,
@@ -79,9 +81,17 @@ class FileFormat(Section):
 
 
 class TimeColumn(Section):
-    """When a row was read: a number of `unit` (or of `scale` seconds), or a date by `format`."""
+    """When a row was read: a number of `unit` (or of `scale` seconds), or a date by `format`.
+
+    With `date` the day stands in a column of its own; `format` then is of both, joined by a blank.
+    A `format` without a day counts on over midnight. `zone` is the time zone of dates that do not
+    tell theirs, like "Europe/Berlin": a day on which the clocks change is then placed rightly.
+    """
 
     column: Column
+    date: Column | None = None
+    zone: str | None = None
+    wrap_bits: Annotated[int, Field(ge=8, le=64)] | None = None  # of a counter that begins anew
     unit: Literal["s", "ms", "us", "ns", "min", "h"] | None = None
     scale: Positive | None = None  # seconds per unit
     format: str | None = None  # "iso", or as of strptime, like "%d.%m.%Y %H:%M:%S"
@@ -91,6 +101,10 @@ class TimeColumn(Section):
     def _check(self) -> "TimeColumn":
         if sum(given is not None for given in (self.unit, self.scale, self.format)) != 1:
             raise ValueError("expected exactly one of unit, scale and format")
+        if self.format is None and (self.date is not None or self.zone is not None):
+            raise ValueError("date and zone go with format only")
+        if self.wrap_bits is not None and self.format is not None:
+            raise ValueError("wrap_bits is for counters, not for dates")
         if self.format is not None:
             if self.start == "zero":
                 raise ValueError('start = "zero" does not go with dates')
@@ -100,6 +114,23 @@ class TimeColumn(Section):
                 except (ValueError, IndexError, KeyError) as err:
                     raise ValueError(f"format {self.format!r:.60}: {err}") from None
         return self
+
+    @field_validator("zone")
+    @classmethod
+    def _is_zone(cls, value: str | None) -> str | None:
+        try:
+            if value is not None:
+                ZoneInfo(value)
+        except (ZoneInfoNotFoundError, ValueError, OSError):
+            what = f"no time zone {value!r:.60}, expected one like Europe/Berlin"
+            raise ValueError(what) from None
+        return value
+
+    @property
+    def without_day(self) -> bool:
+        """Whether the format is of a time of day alone."""
+        day = re.search(r"%[djxcDFU]", self.format or "%d")
+        return self.format != "iso" and day is None
 
     @property
     def unit_s(self) -> float:
@@ -145,6 +176,8 @@ class Accelerometer(Section):
     unit: Unit | None = None  # of the column after `scale`; that of [output] when left out
     scale: Finite = 1.0
     sign: Literal[-1, 1] = 1
+    signed: bool = False  # the column's whole numbers of `bits` are two's complement
+    bits: Annotated[int, Field(ge=2, le=64)] | None = None
     position_deg: Value | None = None
     a_i_g: Value | None = None
     a_p_g: Value | None = None
@@ -158,6 +191,12 @@ class Accelerometer(Section):
         if value == 0:
             raise ValueError("must not be 0")
         return value
+
+    @model_validator(mode="after")
+    def _check(self) -> "Accelerometer":
+        if self.signed and self.bits is None:
+            raise ValueError("signed needs bits, the width of the counts")
+        return self
 
 
 class Output(Sidecar):
@@ -200,8 +239,6 @@ class LogMap(Section):
         if len(set(keys)) != len(keys):
             raise ValueError("accelerometers: a serial stands twice")
         for a in self.accelerometers:
-            if a.temperature is None and self.temperature is None:
-                raise ValueError(f"accelerometer {a.serial}: no temperature column")
             kind = UNITS[a.unit or self.output.output_unit][0]
             if kind != UNITS[self.output.output_unit][0] and {kind, self.output.output_unit} != {
                 "m/s2",

@@ -4,6 +4,7 @@
 that is already in memory, checked in the same way.
 """
 
+import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from datetime import UTC, date, datetime
 from pathlib import Path
@@ -17,6 +18,7 @@ from errormodel.errors import InputError
 from errormodel.files import check, read_toml
 from errormodel.tables import TableForm, read_table, sidecar_path
 from thermo.labels import pair_keys
+from thermo.readings_check import flag_readings
 from thermo.recording_check import Table, build
 from thermo.recording_model import (
     COLUMNS,
@@ -28,6 +30,7 @@ from thermo.recording_model import (
     RecordedRuns,
 )
 from thermo.recording_write import write_runs
+from thermo.units_check import unit_complaints
 
 __all__ = [
     "OutputScale",
@@ -96,7 +99,9 @@ class Sidecar(BaseModel):
         )
 
 
-def read_runs(paths: Sequence[Path | str]) -> RecordedRuns:
+def read_runs(
+    paths: Sequence[Path | str], *, checked: bool = True, trust_units: bool = False
+) -> RecordedRuns:
     """Read recorded runs from CSV or Parquet files (`*.parquet`, `*.pq`) and join them.
 
     Each file has its sidecar NAME.toml beside it; unit, gravity and scale may differ from file to
@@ -106,21 +111,60 @@ def read_runs(paths: Sequence[Path | str]) -> RecordedRuns:
     ----------
     paths : sequence of path
         The files, in any order.
+    checked : bool
+        Whether readings, units and copies are judged; False gives what the files hold.
+    trust_units : bool
+        Whether units and signs are taken as stated, however unlikely.
 
     Returns
     -------
     RecordedRuns
         The readings in the order of the files; an accelerometer's run that is spread over files
-        is in order of time.
+        is in order of time. Readings that cannot be true have a flag
+        (`thermo.readings_check.flag_readings`).
 
     Raises
     ------
     InputError
-        Naming file and line of the first fault.
+        Naming file and line of the first fault; also where the units are doubtful
+        (`thermo.units_check.unit_complaints`), and where two runs hold the same readings.
     """
     if not paths:
         raise InputError("recorded runs", "", "no file given, expected at least one")
-    return join_runs([_read_one(Path(path)) for path in paths])
+    record = join_runs([_read_one(Path(path), checked=checked) for path in paths])
+    if not checked:
+        return record
+    refuse_copies(record)
+    doubts = () if trust_units else unit_complaints(record)
+    if doubts:
+        raise InputError(record.source, "", f"{doubts[0]} (--trust-units takes them as stated)")
+    return record
+
+
+def refuse_copies(record: RecordedRuns) -> None:
+    """Refuse runs that hold the same readings under two names.
+
+    Raises
+    ------
+    InputError
+        Naming both.
+    """
+    seen: dict[bytes, tuple[str, str]] = {}
+    for run, serial in record.scales:
+        mine = record.run.codes == record.run_ids.index(run)
+        mine &= record.serial.codes == record.serials.index(serial)
+        output = record.output[mine]
+        if len(np.unique(output)) < 3:
+            continue  # a few digits may be equal by chance, or by an overload
+        key = hashlib.sha256(output.tobytes() + record.temp_c[mine].tobytes()).digest()
+        other = seen.setdefault(key, (run, serial))
+        if other != (run, serial):
+            raise InputError(
+                record.source,
+                "",
+                f"run {run!r} serial {serial!r} has the same readings as run {other[0]!r} serial "
+                f"{other[1]!r}; expected a run to stand under one name",
+            )
 
 
 def make_runs(
@@ -186,7 +230,7 @@ def make_runs(
     return build(table, sidecar.scale, sidecar.run_start_utc, sidecar.mount_deg)
 
 
-def _read_one(path: Path) -> RecordedRuns:
+def _read_one(path: Path, *, checked: bool) -> RecordedRuns:
     if not path.is_file():
         raise InputError(path, "", "no such file")
     side = sidecar_path(path)
@@ -201,7 +245,8 @@ def _read_one(path: Path) -> RecordedRuns:
     raw = read_table(path, FORM)
     text = {name: Labels(codes, names) for name, (codes, names) in raw.text.items()}
     table = Table(text, raw.number, raw.source, raw.place)
-    return build(table, sidecar.scale, sidecar.run_start_utc, sidecar.mount_deg)
+    record = build(table, sidecar.scale, sidecar.run_start_utc, sidecar.mount_deg)
+    return flag_readings(record, raw.place) if checked else record
 
 
 def join_runs(parts: Sequence[RecordedRuns]) -> RecordedRuns:

@@ -6,7 +6,7 @@ the outputs mean (unit, gravity, nominal scale) comes from the file and is kept 
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import datetime
 from types import MappingProxyType
 
@@ -214,6 +214,14 @@ class RecordedRuns:
             mount_deg=present_only(self.mount_deg, run, serial),
             source=self.source,
         )
+
+    def flagged(self, flags: Mapping[int, str]) -> "RecordedRuns":
+        """Return the same readings with a flag in some rows, by the row's index."""
+        names = tuple(dict.fromkeys((*self.flag.names, *flags.values())))
+        codes = self.flag.codes.copy()
+        for row, flag in flags.items():
+            codes[row] = names.index(flag)
+        return replace(self, flag=Labels(codes, names))
 
     def digest(self, run: str) -> str:
         """Return the SHA-256 of a run's content, hexadecimal.

@@ -11,10 +11,11 @@ from thermo.discrepancy import Discrepancy, find_discrepancy
 from thermo.effects_user import load_effects
 from thermo.fitting import TermsFile, read_terms
 from thermo.modelfile import read_model
-from thermo.recording import RecordedRuns, read_runs
+from thermo.recording import RecordedRuns
 from workbench.commands_discrepancy_rig import discrepancy_rig
 from workbench.console import emit
 from workbench.discrepancy_output import discrepancy_document, discrepancy_text
+from workbench.inputs import add_reading_counts, read_with_doubts, trust_option
 from workbench.larger_model import model_files, model_lines, model_paths
 from workbench.outputs import (
     REPORT_NAME,
@@ -46,6 +47,7 @@ from workbench.outputs import (
     show_default=True,
     help="Threads that simulate them; the verdict is the same.",
 )
+@trust_option
 @force_option
 @json_option
 def discrepancy(
@@ -58,9 +60,10 @@ def discrepancy(
     experiment_out: Path | None,
     seed: int,
     workers: int,
+    trust_units: bool,
     force: bool,
     as_json: bool,
-) -> None:
+) -> int:
     """Find where runs and model disagree, and name the effect that is missing.
 
     Without --model the present model is k0 and k1, each quadratic in temperature; of a SINS on a
@@ -74,19 +77,20 @@ def discrepancy(
             if value:
                 raise InputError("discrepancy rig", name, "belongs to discrepancy thermal only")
         discrepancy_rig(files, model, out, report, seed=seed, force=force, as_json=as_json)
-        return
+        return 0
     inputs = [*with_sidecars(list(files)), *(p for p in (model, effects) if p)]
     for path in (p for p in (out, experiment_out) if p):
         checked_output(path, inputs, force=force)
     check_results(None, report, [], force=force)
     library = load_effects(effects)
-    runs = read_runs(list(files))
+    runs, doubts = read_with_doubts(list(files), trust_units=trust_units)
     for path in model_paths(out, len(runs.serials))[1:] if out is not None else ():
         checked_output(path, inputs, force=force)
     found = find_discrepancy(
         runs, model=_present(model), effects=library, seed=seed, workers=workers, tell=_tell
     )
-    document, text = discrepancy_document(found), list(discrepancy_text(found))
+    document, text = discrepancy_document(found), [*discrepancy_text(found), *doubts]
+    add_reading_counts(document, runs, doubts)
     written: list[tuple[Path, bytes]] = []
     if out is not None:
         written += model_files(runs, found, out)
@@ -107,6 +111,7 @@ def discrepancy(
         text.append(f"report: {report / REPORT_NAME}")
     write_files(written)
     emit(document, text, as_json=as_json)
+    return 1 if doubts else 0
 
 
 def _tell(line: str) -> None:

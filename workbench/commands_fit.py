@@ -11,10 +11,12 @@ from thermo.compensated import CompensatedFile, compensate_files
 from thermo.fitting import AccelerometerFit, TermsFile, fit_runs, read_terms
 from thermo.importing import import_log
 from thermo.modelfile import ModelFile, dump_model, make_model_file
-from thermo.recording import RecordedRuns, read_runs, write_runs
+from thermo.recording import RecordedRuns, write_runs
 from thermo.recording_summary import summary_of
+from thermo.units_check import unit_complaints
 from workbench.console import emit, number, table
 from workbench.fit_output import fit_document, fit_text
+from workbench.inputs import add_reading_counts, read_with_doubts, trust_option
 from workbench.outputs import (
     RUN_SUFFIXES,
     Results,
@@ -26,6 +28,7 @@ from workbench.outputs import (
 )
 from workbench.recording_text import recording_document, recording_text
 
+WORSE = "the model leaves more than constants alone do: it is no model of these readings"
 RUNS = click.argument("files", nargs=-1, required=True, metavar="RUN.csv…")
 
 
@@ -55,6 +58,7 @@ def import_(file: Path, map_file: Path, out: Path, force: bool, as_json: bool) -
 @click.option("--holdout", multiple=True, metavar="RUN_ID…", help="Predict these, don't fit them.")
 @click.option("--out", type=Path, help="MODEL.json to write.")
 @click.option("--report", type=Path, help="Folder for the report and its figures.")
+@trust_option
 @force_option
 @json_option
 def fit(
@@ -63,25 +67,29 @@ def fit(
     holdout: tuple[str, ...],
     out: Path | None,
     report: Path | None,
+    trust_units: bool,
     force: bool,
     as_json: bool,
-) -> None:
+) -> int:
     """Fit each accelerometer's error model over temperature.
 
-    Without --model the data choose the terms and the polynomial orders. In Python:
-    thermo.fitting.fit_runs.
+    Without --model the data choose the terms and the polynomial orders. Exit code 1 when a model
+    leaves more than constants alone. In Python: thermo.fitting.fit_runs.
     """
     paths, wanted = _runs_and_ids(files, holdout)
     inputs = [*with_sidecars(paths), *([terms] if terms else [])]
     check_results(out, report, inputs, force=force)
     given = read_terms(terms) if terms else None
-    record = read_runs(paths)
+    record, doubts = read_with_doubts(paths, trust_units=trust_units)
     fits = _fit(record, given, wanted)
     model = make_model_file(fits)
-    results = Results(fit_document(fits, model), list(fit_text(fits, model)))
+    worse = [f"{f.serial}: {WORSE}" for f in fits if f.worse_than_none]
+    results = Results(fit_document(fits, model), [*fit_text(fits, model), *worse, *doubts])
+    add_reading_counts(results.document, record, doubts)
     results.add_file("model file", out, lambda: dump_model(model))
     results.add_report(report, lambda: _report(fits, record, model))
     results.write(as_json=as_json)
+    return 1 if doubts or worse else 0
 
 
 def _report(
@@ -123,9 +131,12 @@ def _runs_and_ids(
 @RUNS
 @click.option("--model", type=Path, required=True, help="MODEL.json, as fit writes it.")
 @click.option("--out", type=Path, required=True, help="The compensated recording to write.")
+@trust_option
 @force_option
 @json_option
-def compensate(files: tuple[str, ...], model: Path, out: Path, force: bool, as_json: bool) -> None:
+def compensate(
+    files: tuple[str, ...], model: Path, out: Path, trust_units: bool, force: bool, as_json: bool
+) -> int:
     """Apply a model: adds accel_g and accel_compensated_g to recorded runs.
 
     Readings at temperatures the model does not cover are flagged outside_range. A recording that
@@ -133,8 +144,12 @@ def compensate(files: tuple[str, ...], model: Path, out: Path, force: bool, as_j
     """
     paths = [Path(name) for name in files]
     checked_run_output(out, [*with_sidecars(paths), model], force=force)
-    done = compensate_files(paths, model, out)
-    emit(_compensated_document(done, out), _compensated_text(done, out), as_json=as_json)
+    done = compensate_files(paths, model, out, trust_units=trust_units)
+    doubts = unit_complaints(done.runs) if trust_units else ()
+    document = _compensated_document(done, out)
+    add_reading_counts(document, done.runs, doubts)
+    emit(document, [*_compensated_text(done, out), *doubts], as_json=as_json)
+    return 1 if doubts else 0
 
 
 def _compensated_document(done: CompensatedFile, out: Path) -> dict[str, object]:

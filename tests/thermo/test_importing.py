@@ -211,7 +211,6 @@ def test_faults_of_the_log(tmp_path, log, changes, place, words):
         ('serial = "A"', 'serial = "A"\nunit = "mA"', ""),
         ('serial = "A"', 'serial = "A"\nscale = 0', "accelerometers.0.scale"),
         ('column = "u"', "column = 0", "accelerometers.0.column"),
-        ("[temperature]", "[chamber]", ""),
         ("1.2", "1.2\n[file]\nencoding = 'klingon'", "file.encoding"),
         ("1.2", "1.2\n[file]\ndecimal = ','", "file"),
         ("1.2", "1.2\n[run]\nid = 'a'\ngap_s = 1.0", "run"),
@@ -232,7 +231,8 @@ def test_the_real_thermal_loop(tmp_path):
     assert record.serials == ("x", "y", "z")
     assert len(record) == 3 * 8400
     assert not record.has_input
-    assert record.good.all()
+    # the first reading is from before the sensor was ready: 0.5 °C off half a second later
+    assert np.flatnonzero(~record.good).tolist() == [0, 1, 2]
     residual = {}
     for serial in record.serials:
         one = record.select(serial)

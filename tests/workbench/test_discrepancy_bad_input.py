@@ -35,7 +35,7 @@ def again(good: RecordedRuns, frame: pd.DataFrame) -> RecordedRuns:
 
 def many_runs(f: pd.DataFrame) -> pd.DataFrame:
     one = f[f["run"] == f["run"].iloc[0]]
-    return pd.concat([one.assign(run=f"m{k}") for k in range(13)])
+    return pd.concat([one.assign(run=f"m{k}", output=one["output"] + 1e-9 * k) for k in range(13)])
 
 
 def short_run(f: pd.DataFrame) -> pd.DataFrame:
@@ -71,7 +71,7 @@ def thermistor_noise(f: pd.DataFrame) -> pd.DataFrame:
             lambda f: f.assign(temp_c=25.0),
             "does not change beyond its noise of 0 °C",
         ),
-        (thermistor_noise, "does not change beyond its noise of 0.002 °C"),
+        (thermistor_noise, "does not change beyond its noise of 0.00"),
         (lambda f: f.assign(output=0.0), "every output is 0"),
         (second_is_dead, "serial B: every output is 0"),
         (other_positions, "the output does not follow the positions"),

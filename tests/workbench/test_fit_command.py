@@ -144,7 +144,7 @@ def test_measured_thermal_loop(call, measured):
         assert one["higher_order_helps"] is False
         assert one["thermal_history_left"] is True
         assert one["input_known"] is False
-        assert one["n_samples"] == 8400
+        assert one["n_samples"] == 8399  # the first, from before the sensor was ready, is left out
     # heating minus cooling at equal temperature as published, m/s²
     for one, lo, hi in ((x, -0.014, -0.007), (y, 0.033, 0.042), (z, 0.051, 0.146)):
         assert lo < one["heating_minus_cooling_at_40c_ug"] * 9.80665e-6 < hi
