@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
-from errormodel.arrays import FloatArray, IntArray
+from errormodel.arrays import BoolArray, FloatArray, IntArray
 from errormodel.robust import bisquare_fit, robust_sigma, running_median
 from thermo.recording_check import OVERLOAD
 from thermo.recording_model import RecordedRuns
@@ -34,6 +34,8 @@ LIMIT_SIGMA = 6.5
 HALF_WINDOWS = (2, 5, 25)  # readings on either side; a burst shorter than that is found
 SENSOR_STEP_C = 0.05  # smaller steps of a thermistor move no output by more than its noise
 OUTPUT_HALF_WINDOW = 12  # visits of the same position on either side
+SIDE_WINDOW = 6  # visits before, and after
+GROSS = 10.0
 MOST_OUTLIERS = 0.02  # of a series; what is more frequent is no accident but structure
 # thermal time constants of an accelerometer in its case
 RATE_SPANS_S = (30.0, 50.0, 80.0, 120.0, 170.0, 230.0, 300.0)
@@ -93,14 +95,16 @@ def flag_readings(record: RecordedRuns, place: Callable[[int], str] | None = Non
     structured = list[str]()
     for serial in record.serials:
         found: dict[int, str] = {}
-        total = 0
+        total = deviating = 0
         for one in _all_series(record, flags, serial):
-            found |= _output_outliers(one, usual[serial])
+            here, out = _output_outliers(one, usual[serial])
+            found |= here
+            deviating += out
             total += len(one.rows)
-        if len(found) <= max(1.0, MOST_OUTLIERS * total):
+        if deviating <= max(1.0, MOST_OUTLIERS * total):
             flags |= found
         else:
-            structured.append(f"{serial}: {len(found)} of {total}")
+            structured.append(f"{serial}: {deviating} of {total}")
     if structured:
         log.warning(
             "%s: too many readings leave their neighbours to be accidents (%s); none of them is "
@@ -184,11 +188,13 @@ def _temperature_outliers(one: _Series) -> dict[int, str]:
     return {int(row): "temperature_outlier" for row in one.rows[bad]}
 
 
-def _output_outliers(one: _Series, model: FloatArray) -> dict[int, str]:
-    """Find outputs that leave the running median of their position, after the usual curve."""
+def _output_outliers(one: _Series, model: FloatArray) -> tuple[dict[int, str], int]:
+    """Find outputs that leave the running median of their position, after the usual curve.
+
+    The number returned is of all that deviate, those among them that do not come back.
+    """
     found: dict[int, str] = {}
-    if not len(one.rows):
-        return found
+    deviating = 0
     residual = one.output - _expected(one, model)
     places, count = np.unique(one.place, return_counts=True)
     rare = np.isin(one.place, places[count < FEWEST])
@@ -199,8 +205,28 @@ def _output_outliers(one: _Series, model: FloatArray) -> dict[int, str]:
             continue
         off = residual[mine] - running_median(residual[mine], OUTPUT_HALF_WINDOW)
         limit = LIMIT_SIGMA * robust_sigma(off) + _step_of(one.output[mine])
-        found |= {int(row): "outlier" for row in one.rows[mine[np.abs(off) > limit]]}
-    return found
+        deviating += int((np.abs(off) > limit).sum())
+        bad = _leaves_and_returns(residual[mine], off, limit)
+        found |= {int(row): "outlier" for row in one.rows[mine[bad]]}
+    return found, deviating
+
+
+def _leaves_and_returns(values: FloatArray, off: FloatArray, limit: float) -> BoolArray:
+    """Tell which readings differ alike from those before and from those after them, shape (n,).
+
+    A step, the corner of a loop and what settles at the beginning of a run agree with one side.
+    Where one side has too few readings to tell, only gross ones count.
+    """
+    side = SIDE_WINDOW
+    alike = np.zeros(len(values), dtype=np.bool_)
+    for i in np.flatnonzero(np.abs(off) > limit).tolist():
+        before, after = values[max(0, i - side) : i], values[i + 1 : i + 1 + side]
+        if min(len(before), len(after)) < side // 2:
+            alike[i] = abs(off[i]) > GROSS * limit
+            continue
+        leaves = values[i] - np.array([np.median(before), np.median(after)])
+        alike[i] = bool(np.all(np.sign(off[i]) * leaves > limit / 2))
+    return alike
 
 
 # ---- what is usual ----

@@ -87,7 +87,7 @@ def test_the_same_content_in_another_spelling(tmp_path, change):
         ("1,A,0,20,0,nan\n", "line 2", "output is empty or not a number"),
         ("1,A,0,20,0,\n", "line 2", "output is empty"),
         ("1,A,0,20,0,inf\n", "line 2", "infinite"),
-        ("1,A,0,20,0,1e300\n", "line 2", "output 1e+300 mA at nominal_scale 1.25 is more than"),
+        ("1,A,0,20,0,1e30\n", "line 2", "output 1e+30 mA at nominal_scale 1.25 is more than"),
         ("1,A,1e300,20,0,1\n", "line 2", "time_s 1e+300, expected 1e+12 at most"),
         ("1,A,0,20,-1e300,1\n", "line 2", "position_deg -1e+300, expected 3.6e+08 at most"),
         ("1,A,0,20,0,1e999\n", "line 2", "infinite"),

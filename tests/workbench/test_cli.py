@@ -115,7 +115,7 @@ def test_a_pipe_that_breaks_inside_is_no_reader_that_left(call, monkeypatch, two
     def broken(*_args: object, **_kwargs: object) -> None:
         raise BrokenPipeError(32, "Broken pipe")
 
-    monkeypatch.setattr("workbench.commands_fit.read_runs", broken)
+    monkeypatch.setattr("workbench.commands_fit.read_with_doubts", broken)
     done = call("fit", two_runs)
     assert (done.code, done.err) == (2, "accelbench: pipe: Broken pipe\n")
 

@@ -10,8 +10,9 @@ from tests.thermo.test_store_open import SECRET, URLS
 from thermo.live import LiveEstimate
 from thermo.station_types import TestOutcome
 from thermo.store import NewTest, open_store
+from thermo.store_open import parse_url, shown
 from thermo.store_recover import warnings
-from workbench import commands_run
+from workbench.run_output import Afterwards, run_document, run_text
 
 
 @pytest.mark.parametrize("url", URLS)
@@ -32,12 +33,13 @@ def test_a_result_shows_the_store_without_its_password():
         test_id="T", status="interrupted", reason="stop", head_stopped=True,
         safe=SafeResult(verified=True, steps=("held",)),
     )  # fmt: skip
-    text = "\n".join(commands_run._text(outcome, (), [], url))
-    document = json.dumps(commands_run._document(outcome, (), [], url, LiveEstimate({})))
+    shown_url = shown(parse_url(url))
+    text = "\n".join(str(line) for line in run_text(outcome, Afterwards(), shown_url))
+    document = json.dumps(run_document(outcome, Afterwards(), shown_url, LiveEstimate({})))
     for said in (text, document):
         assert SECRET not in said
         assert "postgresql://u:***@h/x?sslmode=require&sslpassword=***" in said
-    assert "go on with: accelbench run --resume T --store postgresql://u:***@h/x" in text
+    assert "go on with: accelbench run --resume T --store 'postgresql://u:***@h/x" in text
 
 
 def test_what_was_left_behind_beside_a_store_is_told(tmp_path, call, refused, monkeypatch):
