@@ -160,7 +160,7 @@ def model_of(one: AccelerometerFit) -> AccelerometerModel:
     channel, fitted = one.channel, one.fit
     factors = reporting_factors(fitted.model, channel.nominal_scale)
     scale = np.array([factors[name] for name in fitted.names])
-    noise = fitted.noise
+    noise = one.noise
     return AccelerometerModel.model_validate(
         {
             "serial": one.serial,

@@ -37,7 +37,7 @@ def fit_document(fits: Sequence[AccelerometerFit], model: ModelFile) -> dict[str
 
 def _accelerometer(one: AccelerometerFit) -> dict[str, Any]:
     channel, summary, heldout = one.channel, one.summary, one.heldout
-    order, loop, noise = find_order(one), find_loop(one), one.fit.noise
+    order, loop, noise = find_order(one), find_loop(one), one.noise
     return {
         "serial": one.serial,
         "t_ref_c": one.t_ref_c,
@@ -153,7 +153,7 @@ def sentences(one: AccelerometerFit) -> Iterator[str]:
     lost = one.selection.not_separable if one.selection else ()
     if lost:
         yield f"these runs cannot give: {', '.join(lost)}; each is taken as 0"
-    noise = one.fit.noise
+    noise = one.noise
     drift = (
         f" and {number(1e6 * noise.drift, 3)} µg of drift correlated over "
         f"{number(noise.drift_tau_s / 3600, 2)} h"
