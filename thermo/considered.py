@@ -16,7 +16,7 @@ from thermo.linearised import Linearised
 # The shift by noise in the temperature is second order in it: below this share of the
 # temperature's own variance it is beneath every sigma.
 NOISE_SHARE = 1e-5
-STEP_C = 1.0  # of the differences by temperature: polynomials of low order over tens of degrees
+STEP_SHARE = 0.05  # of the range, in differences by temperature: exact for polynomials to 1 %
 COARSE = 2.0  # steps above this many sigma of the residual are no white noise
 DRAWS = 48  # a sigma from these is known to 10 %
 
@@ -51,13 +51,14 @@ def temperature_noise_move(line: Linearised, sigma_c: float) -> FloatArray:
     if not sigma_c**2 > NOISE_SHARE * spread2:
         return none
     fit, values = line.fit, line.fit.as_dict()
-    above, below = (line.record.with_signals(x_c=x + s * STEP_C) for s in (1.0, -1.0))
+    step = STEP_SHARE * float(np.ptp(x))
+    above, below = (line.record.with_signals(x_c=x + s * step) for s in (1.0, -1.0))
     by_x = (derivative(fit.model, above, values) - derivative(fit.model, below, values)) / (
-        2 * STEP_C
+        2 * step
     )
     up, down = (fit.model.simulate(r, values) for r in (above, below))
     middle = fit.model.simulate(line.record, values)
-    slope, bend = (up - down) / (2 * STEP_C), (up - 2 * middle + down) / STEP_C**2
+    slope, bend = (up - down) / (2 * step), (up - 2 * middle + down) / step**2
     pull = by_x.T @ slope + 0.5 * (line.columns.T @ bend)
     return sigma_c**2 * line.by_normal(pull)[:, None]
 
