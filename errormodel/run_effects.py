@@ -17,17 +17,19 @@ Analysis 1, 515-534: why a best value alone is too sure with few groups.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from scipy import optimize, special
 
-from errormodel.arrays import FloatArray
+from errormodel.arrays import FloatArray, IntArray
 from errormodel.blocks import block_slices
 from errormodel.noise import NoiseModel
 from errormodel.record import Record
 
 OCTAVES = 15
 SWEEPS = 3
+COARSE = 2  # octaves between the first tries
 Z95 = 1.959964
 
 
@@ -107,7 +109,7 @@ def estimate_run_effects(
     unit = 1.0 / np.sqrt(np.mean(np.einsum("rii->ri", seen), axis=0))
     grid = np.concatenate([[0.0], 2.0 ** np.arange(-1, OCTAVES - 1)])
     prior = np.concatenate([[0.5], np.full(OCTAVES, 0.5 / OCTAVES)])
-    at = np.full(q, 4)  # in the middle of what a run can show
+    at = _start(grams, directions, seen, grid, unit)
     shares = np.zeros((q, grid.size))
     for _ in range(SWEEPS):
         for k in range(q):
@@ -130,6 +132,19 @@ def estimate_run_effects(
         )
         for k in range(q)
     )
+
+
+def _start(
+    grams: FloatArray, directions: FloatArray, seen: FloatArray, grid: FloatArray, unit: FloatArray
+) -> IntArray:
+    """Return the likeliest point of a coarse grid over all effects together.
+
+    One effect at a time would give what belongs to one of two that are alike to the first.
+    """
+    coarse = np.arange(0, grid.size, COARSE)
+    points = np.array(list(product(coarse.tolist(), repeat=unit.size)))
+    likely = _restricted(grams, directions, seen, grid[points] * unit)
+    return np.asarray(points[int(np.argmax(likely))])
 
 
 def _restricted(

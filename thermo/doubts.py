@@ -1,11 +1,12 @@
 """What a fit's estimates and sigmas do not say by themselves: extrapolation, gaps, what is left."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from errormodel.fit import ModelFit
+from errormodel.model import ErrorModel
 from thermo.considered import (
     output_step,
     step_moves,
@@ -19,6 +20,7 @@ from thermo.linearised import Linearised, shifted
 from thermo.residuals import loop_weights
 from thermo.run_differences import OddRun, odd_run
 from thermo.support import support_of, thermistor_noise_c
+from thermo.terms import STATIC_NAMES, term
 from thermo.unseen import Unseen, unseen_orders
 
 
@@ -51,8 +53,11 @@ class Doubts:
         Noise of a temperature, 1 sigma; step of the output, 0 where it shows none.
     temperature_noise_counts, output_step_counts : bool
         Whether the covariance is wider for it.
-    one_way : tuple of (str, str, str)
-        With one direction of temperature only: what an effect of an ordinary size would do.
+    one_way : tuple of (str, float, float)
+        With one direction of temperature only: what an effect of an ordinary size would do to K0,
+        µg, and K1, ppm.
+    holders : dict of str to tuple of str
+        By a coefficient that the readings cannot give: those that hold it instead.
     """
 
     inside: Inside | None
@@ -66,10 +71,23 @@ class Doubts:
     temperature_noise_counts: bool
     output_step_counts: bool
     one_way: tuple[tuple[str, float, float], ...]
+    holders: dict[str, tuple[str, ...]]
 
 
-def doubts_of(line: Linearised, channel: Channel, t_ref_c: float) -> tuple[Doubts, ModelFit]:
-    """Return what is to be doubted of a fit, and the fit with a covariance that counts it."""
+def doubts_of(
+    line: Linearised, channel: Channel, t_ref_c: float, lost: Sequence[str] = ()
+) -> tuple[Doubts, ModelFit]:
+    """Return what is to be doubted of a fit, and the fit with a covariance that counts it.
+
+    Parameters
+    ----------
+    line : Linearised
+    channel : Channel
+        What was fitted.
+    t_ref_c : float
+    lost : sequence of str
+        Coefficients that the readings cannot give.
+    """
     noise_c = thermistor_noise_c(channel)
     step = output_step(np.asarray(channel.record.output))
     wobble = temperature_noise_move(line, noise_c)
@@ -99,6 +117,7 @@ def doubts_of(line: Linearised, channel: Channel, t_ref_c: float) -> tuple[Doubt
         temperature_noise_counts=bool(np.any(wobble)),
         output_step_counts=stairs.shape[1] > 0,
         one_way=tuple(_one_way(line, channel)) if weights is None else (),
+        holders={name: _holders(line, name) for name in lost if name in STATIC_NAMES},
     ), whole
 
 
@@ -113,6 +132,16 @@ def _inside(fit: ModelFit, t_ref_c: float, low: float, high: float) -> Inside:
     )
 
 
+def _holders(line: Linearised, name: str) -> tuple[str, ...]:
+    """Return the coefficients that take up one that is not in the model."""
+    record = line.record
+    column = ErrorModel((term(name),)).simulate(record, {name: 1.0}) - record["a_i_g"]
+    moved = line.moved(column[:, None])[:, 0]
+    names = zip(line.fit.names, moved.tolist(), strict=True)
+    return tuple(n for n, by in names if abs(by) > TAKES_UP and "_t" not in n)
+
+
+TAKES_UP = 0.05  # of its size
 LAG_S, LOOP_UG, DRIFT_UG_H = 120.0, 20.0, 10.0
 
 

@@ -14,7 +14,7 @@ from errormodel.run_effects import RunEffect
 from thermo.doubts import Doubts, doubts_of
 from thermo.head_errors import with_head_accuracy
 from thermo.heldout import held_out
-from thermo.inputs import Channel, channel_of
+from thermo.inputs import Channel, channel_of, refuse_without_temperature
 from thermo.linearised import linearised
 from thermo.recording import RecordedRuns
 from thermo.residuals import ResidualSummary, constants_only_ug, summarise
@@ -110,6 +110,7 @@ def fit_runs(
     *,
     terms: TermsFile | None = None,
     holdout: Sequence[str] = (),
+    at_one_temperature: bool = False,
 ) -> tuple[AccelerometerFit, ...]:
     """Fit every accelerometer in recorded runs.
 
@@ -120,6 +121,8 @@ def fit_runs(
         What to fit; by default the data choose (`thermo.selection.select_model`).
     holdout : sequence of str
         Runs to keep out of the fit and to predict instead.
+    at_one_temperature : bool
+        Whether runs without any temperature are taken as all at the reference temperature.
 
     Returns
     -------
@@ -129,7 +132,7 @@ def fit_runs(
     Raises
     ------
     InputError
-        If a run to hold out is not there, or nothing is left to fit.
+        If a run to hold out is not there, nothing is left to fit, or a run has no temperature.
     NotSeparableError
         If the data cannot separate the terms given.
     """
@@ -138,6 +141,9 @@ def fit_runs(
     if missing:
         known = ", ".join(runs.run_ids)
         raise InputError(runs.source, "", f"no run {missing[0]!r} to hold out; expected {known}")
+    if not at_one_temperature:
+        for serial in runs.serials:
+            refuse_without_temperature(runs, serial)
     digests = {r: runs.digest(r) for r in runs.run_ids}
     return tuple(_fit_one(runs, s, wanted, tuple(holdout), digests) for s in runs.serials)
 
@@ -187,7 +193,8 @@ def _told(
     predicted = held_out(referred, own, holdout)
     if terms.head_arcsec:
         line = replace(line, fit=with_head_accuracy(line.fit, channel.record, terms.head_arcsec))
-    doubts, result = doubts_of(line, channel, terms.t_ref_c)
+    lost = selection.not_separable if selection else ()
+    doubts, result = doubts_of(line, channel, terms.t_ref_c, lost)
     raw_ug = constants_only_ug(np.asarray(channel.record.output), channel.record["a_i_g"], 1.0)
     residual_ug = 1e6 * line.residual
     support = support_of(channel)

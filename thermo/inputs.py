@@ -133,6 +133,26 @@ def channel_of(
     return _channel(runs if whole else runs.take(chosen), serial, t_ref_c)
 
 
+def refuse_without_temperature(runs: RecordedRuns, serial: str) -> None:
+    """Refuse an accelerometer with a run without any temperature: no model over it can be had.
+
+    Raises
+    ------
+    InputError
+        Naming the run.
+    """
+    mine = runs.serial.codes == runs.serials.index(serial)
+    for code in np.unique(runs.run.codes[mine]).tolist():
+        of_run = mine & (runs.run.codes == code)
+        if np.all(np.isnan(runs.temp_c[of_run])):
+            raise InputError(
+                runs.source,
+                f"serial {serial} run {runs.run_ids[code]}",
+                "temp_c is not recorded: a model over temperature needs it; such runs can be "
+                "compared at one temperature with accelbench stability",
+            )
+
+
 def rows_of(runs: RecordedRuns, serial: str, mask: BoolArray) -> IntArray:
     """Return the rows of an accelerometer within a mask, run by run.
 
@@ -150,7 +170,7 @@ def rows_of(runs: RecordedRuns, serial: str, mask: BoolArray) -> IntArray:
 
 def _channel(mine: RecordedRuns, serial: str, t_ref_c: float) -> Channel:
     present, run = np.unique(mine.run.codes, return_inverse=True)
-    time_s, temp_c = mine.time_s, mine.temp_c
+    time_s, temp_c = mine.time_s, _known_temperature(mine, t_ref_c)
     slow_c, rate = smooth_temperature(time_s, temp_c, run)
     slow_c -= t_ref_c
     force = mine.specific_force_g if mine.has_input else None
@@ -186,6 +206,17 @@ def _channel(mine: RecordedRuns, serial: str, t_ref_c: float) -> Channel:
         temp_sigma_c=max(s.temp_sigma_c for s in mine.scales.values()),
         temp_gain_ppm=max(s.temp_gain_ppm for s in mine.scales.values()),
     )
+
+
+def _known_temperature(mine: RecordedRuns, t_ref_c: float) -> FloatArray:
+    """Return the temperatures; where none is recorded, all readings are at the reference's."""
+    none = np.isnan(mine.temp_c)
+    if not none.any():
+        return mine.temp_c
+    if not none.all():
+        problem = "temp_c is recorded in part of the runs, expected in all of them or none"
+        raise InputError(mine.source, "", problem)
+    return np.full(len(mine), t_ref_c)
 
 
 def _compact(values: FloatArray) -> FloatArray:

@@ -22,6 +22,8 @@ SIGMAS = 5.0  # of some twenty effects looked for: one false alarm in 100 000 fi
 WORTH = 0.3  # of the white noise: a smaller effect is no matter for a reading
 MORE_THAN_NOISE = 1.3  # of the noise stated: no complete model left that much of 418 fits
 HIGHEST = 8
+LEAST_LEFT = 1e-5  # of an effect's square that the model does not hold; less is rounding or alias
+ALIKE = 0.8  # of the sigmas of the first: which of them it is, the residual does not tell
 LOOP_WIDTH_C = 10.0
 
 
@@ -54,7 +56,7 @@ def left_out(line: Linearised, channel: Channel) -> tuple[LeftOut, ...]:
     for k, name in enumerate(names):
         column = columns[:, k]
         length2 = float(column @ column)
-        if not length2 > 1e-8 * own[k] ** 2:
+        if not length2 > LEAST_LEFT * own[k] ** 2:
             continue  # the model has it, or the readings cannot tell it from what it has
         amount = float(column @ line.residual) / length2
         sigma = float(np.sqrt(line.variance(column[:, None])[0, 0])) / length2
@@ -73,7 +75,7 @@ def _effects(line: Linearised, channel: Channel) -> Iterator[tuple[str, str, Flo
     x = record["x_c"]
     ends = (float(x.min()), float(x.max()))
     if ends[1] > ends[0]:
-        yield from _orders(x, ends, channel)
+        yield from _orders(x, ends, channel, held)
         rate = record["rate_c_per_min"]
         lag = "the rate of temperature times the slope over temperature (a lag of {amount:.3g} s)"
         yield "thermal_lag", lag, -line.by_temperature() * rate / 60.0
@@ -99,22 +101,17 @@ def _effects(line: Linearised, channel: Channel) -> Iterator[tuple[str, str, Flo
 
 
 def _orders(
-    x: FloatArray, ends: tuple[float, float], channel: Channel
+    x: FloatArray, ends: tuple[float, float], channel: Channel, held: set[str]
 ) -> Iterator[tuple[str, str, FloatArray]]:
     for order in range(1, HIGHEST + 1):
         shape = np.asarray(Legendre.basis(order, domain=list(ends))(x))
         high = order > MAX_ORDER
-        yield (
-            "k0_above_4" if high else f"k0_t{order}",
-            f"the temperature to the power {order}",
-            shape,
-        )
-        if channel.has_input:
-            yield (
-                "k1_above_4" if high else f"k1_t{order}",
-                f"the temperature to the power {order} times the input",
-                shape * channel.record["a_i_g"],
-            )
+        name = "_above_4" if high else f"_t{order}"
+        if f"k0{name}" not in held:
+            yield f"k0{name}", f"the temperature to the power {order}", shape
+        if channel.has_input and f"k1{name}" not in held:
+            times = f"the temperature to the power {order} times the input"
+            yield f"k1{name}", times, shape * channel.record["a_i_g"]
 
 
 def dwell_s(channel: Channel) -> float | None:
@@ -165,10 +162,10 @@ def left_out_sentence(found: tuple[LeftOut, ...]) -> str:
     if not found:
         return ""
     first = found[0]
-    more = dict.fromkeys(one.name for one in found[1:4] if one.name != first.name)
-    also = f"; so it seems with {', '.join(more)}, which may be the same" if more else ""
+    alike = [one.words for one in found if one.sigmas > ALIKE * first.sigmas]
+    which = ", or ".join(list(dict.fromkeys(alike))[:3])
     return (
-        f"the residual still follows {first.words}: {first.rms_ug:.3g} µg rms, "
-        f"{first.sigmas:.2g} sigma ({first.name}{also}); the model lacks something there, and "
-        "the sigmas do not hold: accelbench discrepancy thermal looks for it"
+        f"the residual still follows {which} ({first.rms_ug:.3g} µg rms, {first.sigmas:.2g} "
+        "sigma): the model lacks something, and its sigmas do not allow for that; accelbench "
+        "discrepancy thermal looks for it"
     )

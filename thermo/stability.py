@@ -154,7 +154,7 @@ def judge_stability(
     between = intervals(order, asked.between, runs.run_start_utc, _spans_s(runs))
     batch = tuple(
         fit_run_by_run(one, [r for r in order if r in one.channel.run_ids])
-        for one in fit_runs(runs, terms=wanted)
+        for one in fit_runs(runs, terms=wanted, at_one_temperature=True)
     )
     judged = [_judge(one, temperatures, asked) for one in batch]
     _check_limits(judged, asked, runs.source)

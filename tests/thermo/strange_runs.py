@@ -95,7 +95,7 @@ def _run(setup: Setup, rng: np.random.Generator, k: int) -> pd.DataFrame:
         keep = np.exp(-setup.step_s / setup.lag_s)
         inside, _ = signal.lfilter([1 - keep], [1, -keep], temp_c, zi=[keep * temp_c[0]])
     inside = inside + setup.thermistor_c * rng.standard_normal()
-    exact = output_of(setup.truth, inside, position)
+    exact = output_of(setup.truth, inside, position, setup.gravity / 9.80665)
     noise = setup.white_ug * rng.standard_normal(n)
     keep = np.exp(-setup.step_s / setup.drift_tau_s)
     kicks = setup.drift_ug * rng.standard_normal(n) * np.sqrt(1 - keep**2)
@@ -119,10 +119,12 @@ def _run(setup: Setup, rng: np.random.Generator, k: int) -> pd.DataFrame:
     )
 
 
-def output_of(truth: dict[str, float], temp_c: np.ndarray, position: np.ndarray) -> np.ndarray:
-    """Return the output without noise, in the unit of K1."""
+def output_of(
+    truth: dict[str, float], temp_c: np.ndarray, position: np.ndarray, site: float = 1.0
+) -> np.ndarray:
+    """Return the output without noise; `site` is gravity there over that of the truth's g."""
     x, angle = temp_c - 25.0, np.deg2rad(position)
-    a_i, a_p = np.sin(angle), np.cos(angle)
+    a_i, a_p = site * np.sin(angle), site * np.cos(angle)
     c = {n: 1e-6 * v for n, v in truth.items() if n != "k1"}
     bias = c["k0"] + sum(c.get(f"k0_t{k}", 0.0) * x**k for k in range(1, 6))
     scale = 1.0 + sum(c.get(f"k1_t{k}", 0.0) * x**k for k in range(1, 6))
