@@ -268,7 +268,8 @@ class _Contrasts:
 def _root(gram: FloatArray) -> FloatArray:
     """Return the upper Cholesky factor; a column that the others hold gets hardly a length."""
     ridge = HARDLY**2 * np.eye(gram.shape[0])
-    return linalg.cholesky(gram + ridge * np.diag(gram).max(initial=0.0), check_finite=False)
+    longest = float(np.diag(gram).max(initial=0.0))
+    return np.asarray(linalg.cholesky(gram + ridge * longest, check_finite=False))
 
 
 def _log_of_seen(diagonal: FloatArray) -> float:

@@ -28,8 +28,11 @@ from errormodel.noise import NoiseModel
 from errormodel.record import Record
 
 OCTAVES = 15
-SWEEPS = 3
-COARSE = 2  # octaves between the first tries
+COARSE = 2  # octaves between the tries of all effects together
+LEAST_SHARE = 0.01  # of a combination that is looked at closer
+# In units of what a run can show; and how likely each is before anything was read.
+GRID = np.concatenate([[0.0], 2.0 ** np.arange(-1, OCTAVES - 1)])
+PRIOR = np.concatenate([[0.5], np.full(OCTAVES, 0.5 / OCTAVES)])
 Z95 = 1.959964
 
 
@@ -107,17 +110,12 @@ def estimate_run_effects(
     p, q = directions.shape
     seen = np.einsum("pi,rpk,kj->rij", directions, grams[:, :p, :p], directions)
     unit = 1.0 / np.sqrt(np.mean(np.einsum("rii->ri", seen), axis=0))
-    grid = np.concatenate([[0.0], 2.0 ** np.arange(-1, OCTAVES - 1)])
-    prior = np.concatenate([[0.5], np.full(OCTAVES, 0.5 / OCTAVES)])
-    at = _start(grams, directions, seen, grid, unit)
-    shares = np.zeros((q, grid.size))
-    for _ in range(SWEEPS):
-        for k in range(q):
-            tried = np.tile(grid[at] * unit, (grid.size, 1))
-            tried[:, k] = grid * unit[k]
-            likely = _restricted(grams, directions, seen, tried)
-            weight = prior * np.exp(likely - likely.max())
-            shares[k], at[k] = weight / weight.sum(), int(np.argmax(weight))
+    joint, points = _joint(grams, directions, seen, unit)
+    shares = np.array(
+        [_marginal(grams, directions, seen, unit, k, joint, points) for k in range(q)]
+    )
+    grid = GRID
+    at = np.argmax(shares, axis=1)
     shown, sure = _shown(grams, directions, seen)
     return tuple(
         RunEffect(
@@ -134,17 +132,39 @@ def estimate_run_effects(
     )
 
 
-def _start(
-    grams: FloatArray, directions: FloatArray, seen: FloatArray, grid: FloatArray, unit: FloatArray
-) -> IntArray:
-    """Return the likeliest point of a coarse grid over all effects together.
+def _joint(
+    grams: FloatArray, directions: FloatArray, seen: FloatArray, unit: FloatArray
+) -> tuple[FloatArray, IntArray]:
+    """Return the shares of a coarse grid over all effects together, and its points.
 
     One effect at a time would give what belongs to one of two that are alike to the first.
     """
-    coarse = np.arange(0, grid.size, COARSE)
+    coarse = np.arange(0, GRID.size, COARSE)
     points = np.array(list(product(coarse.tolist(), repeat=unit.size)))
-    likely = _restricted(grams, directions, seen, grid[points] * unit)
-    return np.asarray(points[int(np.argmax(likely))])
+    likely = _restricted(grams, directions, seen, GRID[points] * unit)
+    share = np.prod(PRIOR[points], axis=1) * np.exp(likely - likely.max())
+    return share / share.sum(), points
+
+
+def _marginal(
+    grams: FloatArray,
+    directions: FloatArray,
+    seen: FloatArray,
+    unit: FloatArray,
+    k: int,
+    joint: FloatArray,
+    points: IntArray,
+) -> FloatArray:
+    """Return the shares of one effect's sigmas, over the others as they are likely."""
+    others = np.delete(points, k, axis=1)
+    cases, which = np.unique(others, axis=0, return_inverse=True)
+    kept = cases[np.bincount(which.ravel(), weights=joint) > LEAST_SHARE]
+    tried = np.repeat(np.insert(kept, k, 0, axis=1), GRID.size, axis=0)
+    tried[:, k] = np.tile(np.arange(GRID.size), len(kept))
+    likely = _restricted(grams, directions, seen, GRID[tried] * unit)
+    share = np.prod(PRIOR[tried], axis=1) * np.exp(likely - likely.max())
+    by_sigma = share.reshape(len(kept), GRID.size).sum(axis=0)
+    return np.asarray(by_sigma / by_sigma.sum())
 
 
 def _restricted(
@@ -155,13 +175,13 @@ def _restricted(
     across = np.einsum("pi,rpk->rik", directions, grams[:, :p, :])
     scaled = sigmas[:, None, :, None] * across  # (m, r, q, p + 1)
     inner = sigmas[:, None, :, None] * seen * sigmas[:, None, None, :] + np.eye(q)
-    solved = np.linalg.solve(inner, scaled)
+    solved: FloatArray = np.linalg.solve(inner, scaled)
     total = grams.sum(axis=0) - np.einsum("mriw,mriv->mwv", scaled, solved)
     norms = np.sqrt(np.diag(grams.sum(axis=0)))[:p]
     norms = np.where(norms > 0, norms, 1.0)
     information = total[:, :p, :p] / np.outer(norms, norms) + 1e-13 * np.eye(p)
     target = total[:, :p, p] / norms
-    found = np.linalg.solve(information, target[:, :, None])[:, :, 0]
+    found: FloatArray = np.linalg.solve(information, target[:, :, None])[:, :, 0]
     rest = total[:, p, p] - np.einsum("mp,mp->m", found, target)
     by_runs = np.linalg.slogdet(inner)[1].sum(axis=1)
     return np.asarray(-0.5 * (by_runs + np.linalg.slogdet(information)[1] + rest))
@@ -186,7 +206,8 @@ def _held(share: FloatArray, variance: FloatArray, noise: float) -> float:
 
     def outside(log_half: float) -> float:
         z = np.exp(log_half) / np.where(sigma > 0, sigma, 1e-300)
-        return float(share @ special.erfc(z / np.sqrt(2.0))) - 0.05
+        beyond: FloatArray = special.erfc(z / np.sqrt(2.0))
+        return float(share @ beyond) - 0.05
 
     low = np.log(1e-6 * sigma.max())
     if outside(low) <= 0:

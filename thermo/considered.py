@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from errormodel.arrays import FloatArray
+from errormodel.compressed import triangle_of
 from errormodel.fit import ModelFit, derivative
 from thermo.linearised import Linearised
 
@@ -39,14 +40,15 @@ def thermometer_moves(line: Linearised, sigma_c: float, gain_ppm: float, t_ref_c
     return line.moved(off) * np.array([sigma_c, 1e-6 * gain_ppm])
 
 
-def temperature_noise_move(line: Linearised, sigma_c: float) -> FloatArray:
-    """Return how far noise in the temperature moves the estimates, to second order, (p, 1).
+def temperature_noise_moves(line: Linearised, sigma_c: float) -> FloatArray:
+    """Return how far noise in the temperature moves the estimates, (p, p + 1 or 0).
 
     With readings at x + η the normal equations expect Σ (J'f' + J f''/2) σ² more than zero
-    (Fuller, Measurement Error Models, 1987, ch. 3), which moves the estimates by that.
+    (Fuller, Measurement Error Models, 1987, ch. 3), which moves the estimates by that. Besides,
+    the noise f'η is not alike at all positions, as the fit takes it to be.
     """
     x = line.record["x_c"]
-    none = np.zeros((line.columns.shape[1], 1))
+    none = np.zeros((line.columns.shape[1], 0))
     spread2 = float(np.var(x))
     if not sigma_c**2 > NOISE_SHARE * spread2:
         return none
@@ -60,7 +62,8 @@ def temperature_noise_move(line: Linearised, sigma_c: float) -> FloatArray:
     middle = fit.model.simulate(line.record, values)
     slope, bend = (up - down) / (2 * step), (up - 2 * middle + down) / step**2
     pull = by_x.T @ slope + 0.5 * (line.columns.T @ bend)
-    return sigma_c**2 * line.by_normal(pull)[:, None]
+    noisy = triangle_of(line.columns * (sigma_c * slope)[:, None])
+    return np.column_stack([sigma_c**2 * line.by_normal(pull), line.by_normal(noisy.T)])
 
 
 def output_step(output: FloatArray) -> float:

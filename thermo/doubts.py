@@ -10,7 +10,7 @@ from errormodel.model import ErrorModel
 from thermo.considered import (
     output_step,
     step_moves,
-    temperature_noise_move,
+    temperature_noise_moves,
     thermometer_moves,
     with_moves,
 )
@@ -90,7 +90,7 @@ def doubts_of(
     """
     noise_c = thermistor_noise_c(channel)
     step = output_step(np.asarray(channel.record.output))
-    wobble = temperature_noise_move(line, noise_c)
+    wobble = temperature_noise_moves(line, noise_c)
     stairs = step_moves(line, step)
     known = thermometer_moves(line, channel.temp_sigma_c, channel.temp_gain_ppm, t_ref_c)
     fit = with_moves(line.fit, np.hstack([wobble, stairs, known]))
@@ -114,7 +114,7 @@ def doubts_of(
         loop_sigma_ug=loop_sigma,
         thermistor_noise_c=noise_c,
         output_step_ug=1e6 * step,
-        temperature_noise_counts=bool(np.any(wobble)),
+        temperature_noise_counts=wobble.shape[1] > 0,
         output_step_counts=stairs.shape[1] > 0,
         one_way=tuple(_one_way(line, channel)) if weights is None else (),
         holders={name: _holders(line, name) for name in lost if name in STATIC_NAMES},

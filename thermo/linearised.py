@@ -60,7 +60,7 @@ class Linearised:
         return self._inverse @ (self.columns.T @ added)
 
     def by_normal(self, pull: FloatArray) -> FloatArray:
-        """Return how far a change of the normal equations' right side (p,) moves the estimates."""
+        """Return how far changes of the normal equations' right side move the estimates."""
         return np.asarray(self._inverse @ pull)
 
     def left(self, added: FloatArray) -> FloatArray:

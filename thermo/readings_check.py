@@ -312,7 +312,8 @@ def _all_series(
             serial=name,
             rows=rows,
             time_s=record.time_s[rows],
-            temp_c=record.temp_c[rows],
+            # a run without any temperature was at one temperature
+            temp_c=np.nan_to_num(record.temp_c[rows], nan=25.0),
             output=record.output[rows] / record.scale_of(run, name).nominal_scale,
             place=_places(a_g, len(rows)),
             a_g=a_g,
