@@ -20,7 +20,7 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
-from scipy import optimize, special
+from scipy import optimize, stats
 
 from errormodel.arrays import FloatArray, IntArray
 from errormodel.blocks import block_slices
@@ -175,16 +175,22 @@ def _restricted(
     across = np.einsum("pi,rpk->rik", directions, grams[:, :p, :])
     scaled = sigmas[:, None, :, None] * across  # (m, r, q, p + 1)
     inner = sigmas[:, None, :, None] * seen * sigmas[:, None, None, :] + np.eye(q)
-    solved: FloatArray = np.linalg.solve(inner, scaled)
+    solved = _solved(inner, scaled)
     total = grams.sum(axis=0) - np.einsum("mriw,mriv->mwv", scaled, solved)
     norms = np.sqrt(np.diag(grams.sum(axis=0)))[:p]
     norms = np.where(norms > 0, norms, 1.0)
     information = total[:, :p, :p] / np.outer(norms, norms) + 1e-13 * np.eye(p)
     target = total[:, :p, p] / norms
-    found: FloatArray = np.linalg.solve(information, target[:, :, None])[:, :, 0]
+    found = _solved(information, target[:, :, None])[:, :, 0]
     rest = total[:, p, p] - np.einsum("mp,mp->m", found, target)
     by_runs = np.linalg.slogdet(inner)[1].sum(axis=1)
     return np.asarray(-0.5 * (by_runs + np.linalg.slogdet(information)[1] + rest))
+
+
+def _solved(matrices: FloatArray, right: FloatArray) -> FloatArray:
+    """Return the solutions of many small systems."""
+    same = np.asarray(matrices, dtype=np.float64), np.asarray(right, dtype=np.float64)
+    return np.asarray(np.linalg.solve(*same))
 
 
 def _shown(
@@ -206,8 +212,7 @@ def _held(share: FloatArray, variance: FloatArray, noise: float) -> float:
 
     def outside(log_half: float) -> float:
         z = np.exp(log_half) / np.where(sigma > 0, sigma, 1e-300)
-        beyond: FloatArray = special.erfc(z / np.sqrt(2.0))
-        return float(share @ beyond) - 0.05
+        return float(2.0 * share @ stats.norm.sf(z)) - 0.05
 
     low = np.log(1e-6 * sigma.max())
     if outside(low) <= 0:

@@ -23,6 +23,9 @@ from thermo.support import support_of, thermistor_noise_c
 from thermo.terms import STATIC_NAMES, term
 from thermo.unseen import Unseen, unseen_orders
 
+TAKES_UP = 0.05  # of its size: a coefficient that does holds it
+MATTERS = 0.5  # of a sigma: what noise in the temperature moves is worth a word
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Inside:
@@ -52,7 +55,7 @@ class Doubts:
     thermistor_noise_c, output_step_ug : float
         Noise of a temperature, 1 sigma; step of the output, 0 where it shows none.
     temperature_noise_counts, output_step_counts : bool
-        Whether the covariance is wider for it.
+        Whether the covariance is wider for it, by enough to be told.
     one_way : tuple of (str, float, float)
         With one direction of temperature only: what an effect of an ordinary size would do to K0,
         µg, and K1, ppm.
@@ -114,7 +117,8 @@ def doubts_of(
         loop_sigma_ug=loop_sigma,
         thermistor_noise_c=noise_c,
         output_step_ug=1e6 * step,
-        temperature_noise_counts=wobble.shape[1] > 0,
+        temperature_noise_counts=wobble.shape[1] > 0
+        and bool(np.any(np.abs(wobble[:, 0]) > MATTERS * line.fit.sigmas)),
         output_step_counts=stairs.shape[1] > 0,
         one_way=tuple(_one_way(line, channel)) if weights is None else (),
         holders={name: _holders(line, name) for name in lost if name in STATIC_NAMES},
@@ -141,7 +145,6 @@ def _holders(line: Linearised, name: str) -> tuple[str, ...]:
     return tuple(n for n, by in names if abs(by) > TAKES_UP and "_t" not in n)
 
 
-TAKES_UP = 0.05  # of its size
 LAG_S, LOOP_UG, DRIFT_UG_H = 120.0, 20.0, 10.0
 
 

@@ -22,6 +22,9 @@ from thermo.terms import MAX_ORDER
 # over 50 °C each order a quarter of the one below it.
 SCALE_C = 50.0
 QUARTER = 0.25
+# Where the readings allow ten times what accelerometers have, they say nothing of the order. Where
+# they do say something, the choice of orders has heard it.
+UNLIMITED = 0.1
 LINEAR = {"k0": 20e-6 * SCALE_C, "k1": 150e-6 * SCALE_C}
 
 
@@ -74,7 +77,7 @@ def unseen_orders(line: Linearised, channel: Channel, *, outside: bool) -> tuple
             usual = LINEAR[family] * QUARTER ** (order - 1) / SCALE_C**order
             effect = base * (flat - centre) ** order
             limit = UNSEEN_SIGMAS * _sigma(line, columns, effect)
-            if outside or usual < limit:
+            if outside or usual < UNLIMITED * limit:
                 moved = _absorbed(columns, effect) * min(usual, limit)
                 size = min(usual, limit)
                 found.append(_unseen(line, family, order, centre, size, moved))

@@ -14,6 +14,7 @@ UNITS = {
     "temp_c": (1.0, "°C", "the thermistor's temperature"),
 }
 EVEN_ODDS = 0.5
+FEW_RUNS = 3  # may agree by chance though runs differ: with two, one in ten times
 
 
 def doubt_sentences(one: AccelerometerFit) -> Iterator[str]:
@@ -109,9 +110,10 @@ def run_to_run_sentence(one: AccelerometerFit) -> str:
         )
     shown = [e for e in one.run_effects if e.odds > EVEN_ODDS and e.likely > 0]
     if not shown:
+        chance = ", as so few may by chance" if count <= FEW_RUNS else ""
         return (
-            f"the {count} runs do not differ beyond noise and drift; the sigmas allow for what so "
-            "few could hide"
+            f"the {count} runs do not differ beyond noise and drift{chance}; the sigmas allow for "
+            "what noise and drift could hide"
         )
     told = ", ".join(
         f"{number(UNITS[e.name][0] * e.likely, 2)} {UNITS[e.name][1]} in {UNITS[e.name][2]}"
