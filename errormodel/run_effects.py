@@ -212,7 +212,8 @@ def _held(share: FloatArray, variance: FloatArray, noise: float) -> float:
 
     def outside(log_half: float) -> float:
         z = np.exp(log_half) / np.where(sigma > 0, sigma, 1e-300)
-        return float(2.0 * share @ stats.norm.sf(z)) - 0.05
+        tail = np.asarray(stats.norm.sf(z), dtype=np.float64)
+        return 2.0 * float(share @ tail) - 0.05
 
     low = np.log(1e-6 * sigma.max())
     if outside(low) <= 0:

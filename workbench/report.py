@@ -22,7 +22,8 @@ CONVENTIONS = (
     "input.",
     "Heating minus cooling is the difference of the mean residuals at equal temperature, its "
     "median taken over the temperatures that both directions passed.",
-    "Sigmas are standard deviations (1 σ) and allow for slow drift as well as for white noise.",
+    "Sigmas are standard deviations (1 σ) and allow for slow drift as well as for white noise, and "
+    "for what differs from run to run where there are two or more.",
 )
 
 

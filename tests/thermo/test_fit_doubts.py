@@ -77,7 +77,7 @@ def test_every_figure_is_over_the_k1_found_whatever_the_nominal_scale(share: flo
     [({"offset_ug": 30.0}, "µg in K0"), ({"scale_ppm": 30.0}, "ppm in K1"),
      ({"thermistor_c": 0.1}, "°C in the thermistor")],
 )  # fmt: skip
-@pytest.mark.parametrize("runs", [2, 4, 8])
+@pytest.mark.parametrize("runs", [2, 4, pytest.param(8, marks=pytest.mark.slow)])
 def test_runs_that_differ_are_told_and_carried(runs: int, differs, unit: str) -> None:
     setup = Setup(runs=runs, **differs)
     one = fitted(setup, seed=4)
@@ -113,8 +113,8 @@ def test_two_soaks_carry_what_may_be_between_them() -> None:
     setup = Setup(runs=4, soaks_c=HEATING)
     one = fitted(setup)
     assert worst(one, setup) < 3.0
-    assert one.support.gaps_c
-    assert "no reading from −39" in said(one).replace("-", "−")
+    assert len(one.support.gaps_c) == 1
+    assert "no reading from −40 to 70 °C" in said(one)
     assert set(one.selection.not_separable) >= {"k0_t2", "k1_t2"}  # type: ignore[union-attr]
     ramp = Setup(runs=2)
     error, sigma = error_ug(ramp, one, 7)
