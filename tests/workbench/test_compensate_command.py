@@ -16,7 +16,9 @@ def model(fitted, tmp_path):
 
 
 @pytest.mark.parametrize("suffix", ["csv", "parquet"])
-def test_adds_three_columns_and_the_error_falls_to_the_noise(call, two_runs, model, tmp_path, suffix):
+def test_adds_three_columns_and_the_error_falls_to_the_noise(
+    call, two_runs, model, tmp_path, suffix
+):
     out = tmp_path / f"out.{suffix}"
     done = call("compensate", two_runs, "--model", model, "--out", out, "--json")
     assert done.code == 0
