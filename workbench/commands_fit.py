@@ -203,6 +203,6 @@ def _notes(c: CompensatedChannel) -> Iterator[str]:
         )
     if not c.run_to_run_known:
         yield (
-            f"{c.serial}: the model file does not tell by how much runs differ, as of one run or from an "
-            "older version: the sigmas do not allow for it"
+            f"{c.serial}: the model file does not tell by how much runs differ, as of one run or "
+            "from an older version: the sigmas do not allow for it"
         )
