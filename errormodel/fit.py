@@ -91,6 +91,7 @@ def fit(
     noise: NoiseModel | NoiseFit | None = None,
     weighting: Weighting = "equal",
     start: Mapping[str, float] | None = None,
+    by_run: Sequence[str] = (),
 ) -> ModelFit:
     """Fit a model to one channel's measured output.
 
@@ -108,6 +109,9 @@ def fit(
         lacks an effect, because the missing effect then poses as drift.
     start : mapping, optional
         Start values by name; default: an ideal channel.
+    by_run : sequence of str
+        Coefficients that may differ from run to run. They are estimated in common, but the noise
+        is that within the runs: what differs is not taken for drift.
 
     Returns
     -------
@@ -126,12 +130,13 @@ def fit(
     weights = known.noise if known and weighting == "noise" else NoiseModel(white=1.0)
     values = _solve(model, record, output, weights, values, check=True)
     joint = _linearised(model, record, output, values)
-    found = known or estimate_noise_of(record, joint)
+    own = [model.names.index(name) for name in by_run if name in model.names]
+    found = known or estimate_noise_of(record, joint, own_columns=own)
     if known is None and weighting == "noise":
         for _ in range(2):
             values = _solve(model, record, output, found.noise, values)
             joint = _linearised(model, record, output, values)
-            found = estimate_noise_of(record, joint)
+            found = estimate_noise_of(record, joint, own_columns=own)
     if model.parameters:  # they had no effect to judge while their coefficients were zero
         _refuse(separability(joint[:, :-1], model.names, _min_shares(model)))
     return _result(model, values, record, joint, found, weighting)

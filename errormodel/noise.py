@@ -7,7 +7,7 @@ filter of that process (the Cholesky factor of the covariance, in linear time), 
 observations and to every column alike.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +18,8 @@ from errormodel.blocks import block_slices
 from errormodel.compressed import triangle_of
 from errormodel.record import Record
 from errormodel.whitening import Whitening
+
+HARDLY = 1e-6  # of the longest column: shorter, it is not there
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -129,7 +131,12 @@ def estimate_noise(
 
 
 def estimate_noise_of(
-    record: Record, joint: FloatArray, *, own: bool = False, wary: bool = False
+    record: Record,
+    joint: FloatArray,
+    *,
+    own: bool = False,
+    wary: bool = False,
+    own_columns: Sequence[int] = (),
 ) -> NoiseFit:
     """Estimate the noise as `estimate_noise` does, the residual standing beside the columns.
 
@@ -139,8 +146,10 @@ def estimate_noise_of(
     joint : ndarray, shape (n, p + 1)
         Derivative and residual; it is not copied.
     own : bool
+    own_columns : sequence of int
+        Columns of which each run has an unknown of its own, where not all are.
     """
-    data = _Contrasts(record, joint, own=own)
+    data = _Contrasts(record, joint, own=own, own_columns=own_columns)
     scale = data.scale
     steps = np.concatenate([np.diff(record.time_s[r]) for r in record.run_slices])
     spans = [float(np.ptp(record.time_s[r])) for r in record.run_slices]
@@ -189,10 +198,20 @@ def _white_only(data: "_Contrasts") -> NoiseFit:
 class _Contrasts:
     """Columns and residual, of unit length each, whose whitened triangle the likelihood needs."""
 
-    def __init__(self, record: Record, joint: FloatArray, *, own: bool) -> None:
+    def __init__(
+        self, record: Record, joint: FloatArray, *, own: bool, own_columns: Sequence[int] = ()
+    ) -> None:
         self.record, self.joint = record, joint
-        self.groups = record.run_slices if own else (slice(0, len(record)),)  # that share unknowns
-        self.dof = max(len(record) - len(self.groups) * (joint.shape[1] - 1), 1)
+        self.own_columns = list(own_columns) if len(record.run_slices) > 1 else []
+        self.others = [k for k in range(joint.shape[1]) if k not in self.own_columns]
+        apart = own or bool(self.own_columns)
+        self.groups = record.run_slices if apart else (slice(0, len(record)),)
+        unknowns = joint.shape[1] - 1
+        if self.own_columns:
+            unknowns += (len(self.groups) - 1) * len(self.own_columns)
+        elif own:
+            unknowns *= len(self.groups)
+        self.dof = max(len(record) - unknowns, 1)
         squares = [np.sum(joint[rows] ** 2, axis=0) for rows in block_slices(len(record))]
         norms = np.sqrt(np.sum(squares, axis=0)) if squares else np.zeros(joint.shape[1])
         self.scale = float(norms[-1])
@@ -200,6 +219,29 @@ class _Contrasts:
 
     def restricted(self, shape: NoiseModel) -> tuple[float, float]:
         """Return the restricted log-likelihood, profiled over the white sigma, and that sigma."""
+        if self.own_columns:
+            rest2, log_seen, log_det = self._apart(shape)
+        else:
+            rest2, log_seen, log_det = self._together(shape)
+        sigma2 = max(rest2 / self.dof, np.finfo(float).tiny)
+        return -0.5 * (log_det + self.dof * np.log(sigma2)) - log_seen, float(np.sqrt(sigma2))
+
+    def _apart(self, shape: NoiseModel) -> tuple[float, float, float]:
+        """Return what `restricted` needs with some columns of each run's own: they go first."""
+        left, log_seen, log_det = np.zeros((len(self.others),) * 2), 0.0, 0.0
+        mine = len(self.own_columns)
+        order = [*self.own_columns, *self.others]
+        for group in self.groups:
+            gram, more = self._gram(shape, group)
+            root = _root(gram[np.ix_(order, order)])
+            log_seen += _log_of_seen(np.diag(root)[:mine])
+            log_det += more
+            rest = root[mine:, mine:]
+            left += rest.T @ rest
+        diagonal = np.diag(_root(left))
+        return float(diagonal[-1]) ** 2, log_seen + _log_of_seen(diagonal[:-1]), log_det
+
+    def _together(self, shape: NoiseModel) -> tuple[float, float, float]:
         rest2, log_seen, log_det = 0.0, 0.0, 0.0
         for group in self.groups:
             diagonal, more = self._triangle_diagonal(shape, group)
@@ -208,28 +250,45 @@ class _Contrasts:
             rest2 += float(rest) ** 2
             log_seen += float(np.sum(np.log(seen)))
             log_det += more
-        sigma2 = max(rest2 / self.dof, np.finfo(float).tiny)
-        return -0.5 * (log_det + self.dof * np.log(sigma2)) - log_seen, float(np.sqrt(sigma2))
+        return rest2, log_seen, log_det
 
-    def _triangle_diagonal(self, shape: NoiseModel, group: slice) -> tuple[FloatArray, float]:
-        """Return the diagonal of R of a group's QR factorisation, without signs, and ln det."""
+    def _gram(self, shape: NoiseModel, group: slice) -> tuple[FloatArray, float]:
+        """Return the Gram matrix of a group's whitened columns, and ln det."""
         width = self.joint.shape[1]
         gram, whitening = np.zeros((width, width)), shape.whitening(width)
         for white in self._whitened(whitening, group):
             gram += white.T @ white
+        return gram, whitening.log_det
+
+    def _triangle_diagonal(self, shape: NoiseModel, group: slice) -> tuple[FloatArray, float]:
+        """Return the diagonal of R of a group's QR factorisation, without signs, and ln det."""
+        width = self.joint.shape[1]
+        gram, log_det = self._gram(shape, group)
         try:  # the columns are of unit length and few: their Gram matrix keeps enough digits
-            return np.diag(linalg.cholesky(gram, check_finite=False)), whitening.log_det
+            return np.diag(linalg.cholesky(gram, check_finite=False)), log_det
         except linalg.LinAlgError:
             triangle = None
             for white in self._whitened(shape.whitening(width), group):
                 triangle = triangle_of(white, triangle)
             diagonal = np.zeros(width) if triangle is None else np.diag(triangle)
-            return np.abs(diagonal), whitening.log_det
+            return np.abs(diagonal), log_det
 
     def _whitened(self, whitening: Whitening, group: slice) -> Iterator[FloatArray]:
         for part in block_slices(group.stop - group.start):
             rows = slice(group.start + part.start, group.start + part.stop)
             yield whitening.whiten(self.record.view(rows), self.joint[rows] / self.norms)
+
+
+def _root(gram: FloatArray) -> FloatArray:
+    """Return the upper Cholesky factor; a column that the others hold gets hardly a length."""
+    ridge = HARDLY**2 * np.eye(gram.shape[0])
+    longest = float(np.diag(gram).max(initial=0.0))
+    return np.asarray(linalg.cholesky(gram + ridge * longest, check_finite=False))
+
+
+def _log_of_seen(diagonal: FloatArray) -> float:
+    seen = diagonal[diagonal > 10.0 * HARDLY * diagonal.max(initial=0.0)]
+    return float(np.sum(np.log(seen)))
 
 
 Evaluate = Callable[[float, float], tuple[float, float]]

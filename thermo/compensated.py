@@ -7,17 +7,17 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from errormodel.arrays import FloatArray
 from errormodel.errors import InputError
 from errormodel.table_write import write_with_sidecar
 from errormodel.tables import column_names
 from thermo.compensation import Compensated, compensate
-from thermo.modelfile import ModelFile, read_model
+from thermo.modelfile import AccelerometerModel, ModelFile, read_model
 from thermo.recording import RecordedRuns, read_runs
 from thermo.recording_write import sidecar_text
+from thermo.residuals import constants_only_ug, rms
 
-ADDED = ("accel_g", "accel_compensated_g")
-OUTSIDE = "outside_range"
+ADDED = ("accel_g", "accel_compensated_g", "accel_sigma_g")
+OUTSIDE = ("outside_range", "outside_rate", "outside_input")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -31,16 +31,29 @@ class CompensatedChannel:
         Readings compensated.
     outside_range : int
         Of these, readings whose temperature the model does not cover.
+    outside_rate, outside_input : int
+        Readings whose rate of temperature, or whose force, it does not cover.
     error_before_ug, error_after_ug : float or None
-        rms of the good readings against the known input, before and after, µg; None when the
-        input is not known.
+        rms of the good readings against the known input, µg: with constants only (K0 and K1 of
+        these readings, as `fit` has it), and compensated; None when the input is not known.
+    sigma_ug : float
+        rms of the sigmas of the good readings, µg.
+    left_in_ug : float or None
+        What misalignment and cross-coupling may leave in where the position is not known, µg.
+    run_to_run_known : bool
+        Whether the sigmas allow for how runs differ: not when the model is of one run.
     """
 
     serial: str
     n: int
     outside_range: int
+    outside_rate: int
+    outside_input: int
     error_before_ug: float | None
     error_after_ug: float | None
+    sigma_ug: float
+    left_in_ug: float | None
+    run_to_run_known: bool
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -56,11 +69,12 @@ class CompensatedFile:
 def compensate_files(
     paths: Sequence[Path | str], model: Path | str, out: Path | str, *, trust_units: bool = False
 ) -> CompensatedFile:
-    """Apply a model file to recorded runs and write them with two columns more.
+    """Apply a model file to recorded runs and write them with three columns more.
 
     `out` (CSV, or Parquet by its suffix) has the columns of the recording, `accel_g` (output over
-    the nominal scale) and `accel_compensated_g`; readings whose temperature the model does not
-    cover are flagged "outside_range". Its sidecar stands beside it.
+    the nominal scale), `accel_compensated_g` and `accel_sigma_g`; readings whose temperature, rate
+    or force the model does not cover are flagged "outside_range", "outside_rate" and
+    "outside_input". Its sidecar stands beside it.
 
     Parameters
     ----------
@@ -98,7 +112,7 @@ def compensate_files(
         runs=runs,
         models=models,
         values=values,
-        channels=tuple(_channel(runs, values, serial) for serial in runs.serials),
+        channels=tuple(_channel(runs, values, models.of(s)) for s in runs.serials),
     )
 
 
@@ -131,35 +145,47 @@ def write_compensated(runs: RecordedRuns, values: Compensated, path: Path) -> No
 
 
 def compensated_frame(runs: RecordedRuns, values: Compensated) -> pd.DataFrame:
-    """Return a recording's table with `accel_g`, `accel_compensated_g` and the flags added to."""
+    """Return a recording's table with the compensated columns and the flags added to."""
     frame = runs.frame()
     flags = runs.flag.text()
-    marked = np.where(flags == "", OUTSIDE, flags + "+" + OUTSIDE)
-    flags = np.where(values.outside_range, marked, flags)
+    for name in OUTSIDE:
+        marked = np.where(flags == "", name, flags + "+" + name)
+        flags = np.where(getattr(values, name), marked, flags)
     frame = frame.drop(columns=["flag"], errors="ignore")
-    frame[ADDED[0]] = values.accel_g
-    frame[ADDED[1]] = values.accel_compensated_g
+    for name in ADDED:
+        frame[name] = getattr(values, name)
     frame["flag"] = flags
     return frame
 
 
-def _channel(runs: RecordedRuns, values: Compensated, serial: str) -> CompensatedChannel:
-    mine = runs.serial.codes == runs.serials.index(serial)
+def _channel(
+    runs: RecordedRuns, values: Compensated, model: AccelerometerModel
+) -> CompensatedChannel:
+    mine = runs.serial.codes == runs.serials.index(model.serial)
     done = mine & np.isfinite(values.accel_compensated_g)
     before = after = None
     good = done & runs.good
-    if runs.has_input and good.any():
-        force = runs.specific_force_g[good, 0]
-        before = _rms_ug(values.accel_g[good] - force)
-        after = _rms_ug(values.accel_compensated_g[good] - force)
+    known = bool(np.all(np.isfinite(runs.position_deg[good]) | np.isfinite(runs.a_g[good, 0])))
+    if known and good.any():
+        force = runs.take(good).specific_force_g[:, 0]
+        before = rms(constants_only_ug(values.accel_g[good], force))
+        after = 1e6 * rms(values.accel_compensated_g[good] - force)
     return CompensatedChannel(
-        serial=serial,
+        serial=model.serial,
         n=int(done.sum()),
         outside_range=int((done & values.outside_range).sum()),
+        outside_rate=int((done & values.outside_rate).sum()),
+        outside_input=int((done & values.outside_input).sum()),
         error_before_ug=before,
         error_after_ug=after,
+        sigma_ug=1e6 * rms(values.accel_sigma_g[good]) if good.any() else 0.0,
+        left_in_ug=None if known else _left_in_ug(model),
+        run_to_run_known=model.run_to_run is not None,
     )
 
 
-def _rms_ug(values: FloatArray) -> float:
-    return 1e6 * float(np.sqrt(np.mean(values**2)))
+def _left_in_ug(model: AccelerometerModel) -> float:
+    """Return the most that terms of the unknown cross forces leave in, within 1 g, µg."""
+    most = {"delta_o": 1.0, "delta_p": 1.0, "k_ip": 0.5, "k_io": 0.5}
+    found = model.coefficients
+    return sum(share * abs(found[n].value) for n, share in most.items() if n in found)

@@ -1,77 +1,32 @@
 """The temperature model of each accelerometer, fitted jointly over all readings of all runs."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Annotated
+from dataclasses import dataclass, replace
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from errormodel.arrays import FloatArray
 from errormodel.errors import InputError, NotSeparableError
-from errormodel.files import read_toml
-from errormodel.fit import ModelFit, fit, fit_values
+from errormodel.fit import ModelFit, fit
 from errormodel.model import ErrorModel
-from errormodel.record import Record
+from errormodel.noise import NoiseModel
+from errormodel.run_effects import RunEffect
+from thermo.doubts import Doubts, doubts_of
 from thermo.head_errors import with_head_accuracy
-from thermo.inputs import Channel, channel_of
+from thermo.heldout import held_out
+from thermo.inputs import Channel, channel_of, refuse_without_temperature
+from thermo.linearised import linearised
 from thermo.recording import RecordedRuns
-from thermo.residuals import ResidualSummary, summarise
-from thermo.selection import Selection, select_model
-from thermo.terms import LIBRARY, term
+from thermo.residuals import ResidualSummary, constants_only_ug, summarise
+from thermo.run_differences import with_run_effects
+from thermo.selection import BY_RUN, Selection, scaled, select_model
+from thermo.support import Support, support_of
+from thermo.terms_wanted import TermsFile, read_terms
 
+# A smaller ratio to nominal is none: nothing can be referred to the input by it.
+LEAST_K1 = 1e-9
 
-class TermsFile(BaseModel):
-    """TERMS.toml: the terms to fit, in place of those that the data choose.
-
-    `start` holds start values of nonlinear parameters, in their own units; `head_arcsec` is what
-    the indexing head's angle may be wrong by, 1 sigma, and goes into the covariance.
-    """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    terms: Annotated[tuple[str, ...], Field(min_length=1)] | None = None
-    t_ref_c: Annotated[float, Field(ge=-200, le=400, allow_inf_nan=False)] = 25.0
-    start: dict[str, Annotated[float, Field(allow_inf_nan=False)]] = {}
-    head_arcsec: Annotated[float, Field(ge=0, le=3600, allow_inf_nan=False)] = 0.0
-
-    @field_validator("terms")
-    @classmethod
-    def _known(cls, names: tuple[str, ...] | None) -> tuple[str, ...] | None:
-        for name in names or ():
-            if name not in LIBRARY:
-                raise ValueError(f"no term {name!r}; expected some of {', '.join(LIBRARY)}")
-        if names is not None and len(set(names)) != len(names):
-            raise ValueError("a term stands twice")
-        return names
-
-    @model_validator(mode="after")
-    def _start_is_of_the_model(self) -> "TermsFile":
-        model = self.model()
-        known = {p.name: p for p in model.parameters} if model else {}
-        for name, value in self.start.items():
-            if name not in known:
-                raise ValueError(f"start: {name!r} is no nonlinear parameter of the terms")
-            if not known[name].lo <= value <= known[name].hi:
-                lo, hi = known[name].lo, known[name].hi
-                raise ValueError(f"start: {name} must be between {lo:g} and {hi:g}")
-        return self
-
-    def model(self) -> ErrorModel | None:
-        """Return the model of the terms named; None when the data are to choose."""
-        return None if self.terms is None else ErrorModel(tuple(term(n) for n in self.terms))
-
-
-def read_terms(path: Path | str) -> TermsFile:
-    """Read TERMS.toml.
-
-    Raises
-    ------
-    InputError
-        If it cannot be read or names an unknown term.
-    """
-    return read_toml(path, TermsFile)
+__all__ = ["AccelerometerFit", "TermsFile", "fit_runs", "read_terms"]
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -82,6 +37,9 @@ class AccelerometerFit:
     ----------
     channel : Channel
         The readings that were fitted.
+    own_scale : float
+        K1 found, output unit per g; that of the recording where K1 cannot be had. What is given
+        in µg, and `noise`, is referred to the input by it.
     fit : ModelFit
     selection : Selection or None
         None when the terms were given.
@@ -95,6 +53,14 @@ class AccelerometerFit:
     heldout : ResidualSummary or None
         Of readings predicted without their run; None with a single run, or where the others
         cannot give every coefficient.
+    heldout_sigma_ug : float or None
+        Of its rms, by its scatter from run to run.
+    run_effects : tuple of RunEffect
+        How the runs differ; empty with a single one.
+    support : Support
+        Where there were readings.
+    doubts : Doubts
+        What the estimates and sigmas do not say by themselves.
     heldout_runs : tuple of str
         The runs asked to be held out; empty when each was left out in turn.
     digests : mapping
@@ -104,6 +70,7 @@ class AccelerometerFit:
     """
 
     channel: Channel
+    own_scale: float
     fit: ModelFit
     selection: Selection | None
     t_ref_c: float
@@ -114,14 +81,23 @@ class AccelerometerFit:
     raw: ResidualSummary
     summary: ResidualSummary
     heldout: ResidualSummary | None
+    heldout_sigma_ug: float | None
     heldout_runs: tuple[str, ...]
     digests: Mapping[str, str]
+    run_effects: tuple[RunEffect, ...]
+    support: Support
+    doubts: Doubts
     head_arcsec: float = 0.0
 
     @property
     def serial(self) -> str:
         """Serial number."""
         return self.channel.serial
+
+    @property
+    def noise(self) -> NoiseModel:
+        """Noise within the runs, at the input."""
+        return self.fit.noise.scaled(abs(self.channel.nominal_scale / self.own_scale))
 
     @property
     def worse_than_none(self) -> bool:
@@ -134,6 +110,7 @@ def fit_runs(
     *,
     terms: TermsFile | None = None,
     holdout: Sequence[str] = (),
+    at_one_temperature: bool = False,
 ) -> tuple[AccelerometerFit, ...]:
     """Fit every accelerometer in recorded runs.
 
@@ -144,6 +121,8 @@ def fit_runs(
         What to fit; by default the data choose (`thermo.selection.select_model`).
     holdout : sequence of str
         Runs to keep out of the fit and to predict instead.
+    at_one_temperature : bool
+        Whether runs without any temperature are taken as all at the reference temperature.
 
     Returns
     -------
@@ -153,7 +132,7 @@ def fit_runs(
     Raises
     ------
     InputError
-        If a run to hold out is not there, or nothing is left to fit.
+        If a run to hold out is not there, nothing is left to fit, or a run has no temperature.
     NotSeparableError
         If the data cannot separate the terms given.
     """
@@ -162,6 +141,9 @@ def fit_runs(
     if missing:
         known = ", ".join(runs.run_ids)
         raise InputError(runs.source, "", f"no run {missing[0]!r} to hold out; expected {known}")
+    if not at_one_temperature:
+        for serial in runs.serials:
+            refuse_without_temperature(runs, serial)
     digests = {r: runs.digest(r) for r in runs.run_ids}
     return tuple(_fit_one(runs, s, wanted, tuple(holdout), digests) for s in runs.serials)
 
@@ -183,27 +165,71 @@ def _fit_one(
     selection = None if given else select_model(channel)
     model = given or (selection.model if selection else ErrorModel(()))
     _check_inputs(terms, model, channel, runs.source)
-    result = _fit_channel(model, channel, terms.start)
-    residual_ug, raw_ug = _residual_ug(result, channel), _constants_only_ug(channel)
-    heldout = _held_out(model, result, everything, holdout)
-    rate = channel.record["rate_c_per_min"]
+    found = _fit_channel(model, channel, terms.start)
+    return _told(found, everything, kept, terms, selection, {r: digests[r] for r in kept})
+
+
+def _told(
+    found: ModelFit,
+    everything: Channel,
+    kept: tuple[str, ...],
+    terms: TermsFile,
+    selection: Selection | None,
+    digests: Mapping[str, str],
+) -> AccelerometerFit:
+    """Put an accelerometer's result together; what is judged is in g of the K1 found."""
+    k1 = found.value("k1") if "k1" in found.names else 1.0
+    k1 = k1 if abs(k1) > LEAST_K1 else 1.0
+    own = everything.referred(k1)
+    mine = everything
+    if kept != everything.run_ids:
+        rows = everything.runs_mask(kept)
+        mine, channel = everything.take(rows), own.take(rows)
+    else:
+        channel = own
+    holdout = tuple(r for r in everything.run_ids if r not in kept)
+    referred = _times_k1(found, 1.0 / k1)
+    line = with_run_effects(linearised(referred, channel.record))
+    predicted = held_out(referred, own, holdout)
     if terms.head_arcsec:
-        result = with_head_accuracy(result, channel.record, terms.head_arcsec)
+        line = replace(line, fit=with_head_accuracy(line.fit, channel.record, terms.head_arcsec))
+    lost = selection.not_separable if selection else ()
+    doubts, result = doubts_of(line, channel, terms.t_ref_c, lost)
+    raw_ug = constants_only_ug(np.asarray(channel.record.output), channel.record["a_i_g"], 1.0)
+    residual_ug = 1e6 * line.residual
+    support = support_of(channel)
     return AccelerometerFit(
-        channel=channel,
-        fit=result,
-        selection=selection,
+        channel=mine,
+        own_scale=own.nominal_scale,
+        fit=_times_k1(result, k1),
+        selection=scaled(selection, abs(k1)) if selection else None,
         t_ref_c=terms.t_ref_c,
-        valid_c=(float(channel.temp_c.min()), float(channel.temp_c.max())),
-        valid_rate_c_per_min=(float(rate.min()), float(rate.max())),
+        valid_c=(support.temp_c[0][0], support.temp_c[-1][1]),
+        valid_rate_c_per_min=support.rate_c_per_min,
         residual_ug=residual_ug,
         raw_ug=raw_ug,
         raw=summarise(channel, raw_ug),
         summary=summarise(channel, residual_ug),
-        heldout=heldout,
-        heldout_runs=tuple(r for r in everything.run_ids if r in holdout),
-        digests={r: digests[r] for r in kept},
+        heldout=predicted.summary if predicted else None,
+        heldout_sigma_ug=predicted.sigma_ug if predicted else None,
+        heldout_runs=holdout,
+        digests=digests,
+        run_effects=line.run_effects,
+        support=support,
+        doubts=doubts,
         head_arcsec=terms.head_arcsec,
+    )
+
+
+def _times_k1(found: ModelFit, k1: float) -> ModelFit:
+    """Return a fit as it is of readings of a unit k1 times smaller."""
+    change = np.where(np.array(found.names) == "k1", k1, 1.0)
+    return replace(
+        found,
+        values=found.values * change,
+        cov=found.cov * np.outer(change, change),
+        noise=found.noise.scaled(abs(k1)),
+        rms=found.rms * abs(k1),
     )
 
 
@@ -233,59 +259,8 @@ def _scales(effect: object) -> bool:
 
 def _fit_channel(model: ErrorModel, channel: Channel, start: Mapping[str, float]) -> ModelFit:
     try:
-        return fit(model, channel.record, start=start)
+        return fit(model, channel.record, start=start, by_run=BY_RUN)
     except NotSeparableError as err:
         raise NotSeparableError(err.groups, f"serial {channel.serial}: the data") from None
     except ValueError as err:
         raise InputError(f"serial {channel.serial}", "", str(err)) from None
-
-
-def _residual_ug(result: ModelFit, channel: Channel) -> FloatArray:
-    return _left_ug(result.model, channel.record, result.as_dict())
-
-
-def _left_ug(model: ErrorModel, record: Record, values: Mapping[str, float]) -> FloatArray:
-    left = model.simulate(record, values)
-    np.subtract(np.asarray(record.output), left, out=left)
-    return np.multiply(left, 1e6, out=left)
-
-
-def _constants_only_ug(channel: Channel) -> FloatArray:
-    """Return the residual of a model without temperature: K0 and, if it can be had, K1.
-
-    Referred to the input: divided by K1.
-    """
-    record = channel.record
-    columns = np.column_stack([np.ones(len(record)), record["a_i_g"]])
-    output = np.asarray(record.output)
-    solution, _, rank, _ = np.linalg.lstsq(columns, output, rcond=1e-3)
-    if rank < 2:
-        columns = columns[:, :1]
-        output = output - record["a_i_g"]
-        return 1e6 * (output - output.mean())
-    return 1e6 * (output - columns @ solution) / solution[1]
-
-
-def _held_out(
-    model: ErrorModel, result: ModelFit, everything: Channel, holdout: tuple[str, ...]
-) -> ResidualSummary | None:
-    """Predict runs that were not fitted: those asked for, or each in turn."""
-    if holdout:
-        present = tuple(r for r in everything.run_ids if r in holdout)
-        if not present:
-            return None
-        unseen = everything.take(everything.runs_mask(present))
-        return summarise(unseen, _residual_ug(result, unseen))
-    if len(everything.run_ids) < 2:
-        return None
-    residual_ug = np.empty(len(everything.record))
-    record = everything.record.with_only(model.needs)  # parts of it are then small
-    for rows in record.run_slices:
-        mine = np.arange(len(record))[rows]
-        try:
-            seen = record.take(np.delete(np.arange(len(record)), mine))
-            values = fit_values(model, seen, start=result.as_dict())
-        except NotSeparableError:
-            return None  # this run alone carries some coefficient: it cannot be predicted
-        residual_ug[rows] = _left_ug(model, record.take(mine), values)
-    return summarise(everything, residual_ug)

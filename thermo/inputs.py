@@ -1,7 +1,7 @@
 """From recorded runs to what an error model sees: one accelerometer, good readings only."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,7 +37,7 @@ class Channel:
     run_ids : tuple of str
         Names of the record's runs 0, 1, ….
     record : Record
-        Output and signals in nominal g; `rows` of the recording it was made from.
+        Output and signals in g by `nominal_scale`.
     temp_c, position_deg : ndarray, shape (n,)
         The position is NaN where it was not recorded.
     direction : ndarray of int, shape (n,)
@@ -46,8 +46,10 @@ class Channel:
         False when the specific force is not known: the input is then an unknown constant.
     output_unit : str
     nominal_scale : float
-        Output unit per g.
+        Output unit per g of the record's output.
     gravity_m_s2 : float
+    temp_sigma_c, temp_gain_ppm : float
+        What the thermistor may be wrong by, 1 sigma: an offset, and a gain about 0 °C.
     """
 
     serial: str
@@ -60,6 +62,8 @@ class Channel:
     output_unit: str
     nominal_scale: float
     gravity_m_s2: float
+    temp_sigma_c: float = 0.0
+    temp_gain_ppm: float = 0.0
 
     def __post_init__(self) -> None:
         freeze(
@@ -68,6 +72,15 @@ class Channel:
             position_deg=readonly(self.position_deg),
             direction=sealed(self.direction.astype(np.int8)),
         )
+
+    def referred(self, k1: float) -> "Channel":
+        """Return the same readings in g of a scale factor k1 times this one's."""
+        record = self.record
+        output = sealed(np.asarray(record.output) / k1)
+        scaled = Record(
+            time_s=record.time_s, run=record.run, signals=dict(record.signals), output=output
+        )
+        return replace(self, record=scaled, nominal_scale=self.nominal_scale * k1)
 
     def runs_mask(self, run_ids: tuple[str, ...]) -> IntArray:
         """Return the readings of some runs, as indices."""
@@ -88,6 +101,8 @@ class Channel:
             output_unit=self.output_unit,
             nominal_scale=self.nominal_scale,
             gravity_m_s2=self.gravity_m_s2,
+            temp_sigma_c=self.temp_sigma_c,
+            temp_gain_ppm=self.temp_gain_ppm,
         )
 
 
@@ -118,6 +133,26 @@ def channel_of(
     return _channel(runs if whole else runs.take(chosen), serial, t_ref_c)
 
 
+def refuse_without_temperature(runs: RecordedRuns, serial: str) -> None:
+    """Refuse an accelerometer with a run without any temperature: no model over it can be had.
+
+    Raises
+    ------
+    InputError
+        Naming the run.
+    """
+    mine = runs.serial.codes == runs.serials.index(serial)
+    for code in np.unique(runs.run.codes[mine]).tolist():
+        of_run = mine & (runs.run.codes == code)
+        if np.all(np.isnan(runs.temp_c[of_run])):
+            raise InputError(
+                runs.source,
+                f"serial {serial} run {runs.run_ids[code]}",
+                "temp_c is not recorded: a model over temperature needs it; such runs can be "
+                "compared at one temperature with accelbench stability",
+            )
+
+
 def rows_of(runs: RecordedRuns, serial: str, mask: BoolArray) -> IntArray:
     """Return the rows of an accelerometer within a mask, run by run.
 
@@ -135,7 +170,7 @@ def rows_of(runs: RecordedRuns, serial: str, mask: BoolArray) -> IntArray:
 
 def _channel(mine: RecordedRuns, serial: str, t_ref_c: float) -> Channel:
     present, run = np.unique(mine.run.codes, return_inverse=True)
-    time_s, temp_c = mine.time_s, mine.temp_c
+    time_s, temp_c = mine.time_s, _known_temperature(mine, t_ref_c)
     slow_c, rate = smooth_temperature(time_s, temp_c, run)
     slow_c -= t_ref_c
     force = mine.specific_force_g if mine.has_input else None
@@ -168,7 +203,20 @@ def _channel(mine: RecordedRuns, serial: str, t_ref_c: float) -> Channel:
         output_unit=mine.output_unit,
         nominal_scale=mine.nominal_scale,
         gravity_m_s2=mine.gravity_m_s2,
+        temp_sigma_c=max(s.temp_sigma_c for s in mine.scales.values()),
+        temp_gain_ppm=max(s.temp_gain_ppm for s in mine.scales.values()),
     )
+
+
+def _known_temperature(mine: RecordedRuns, t_ref_c: float) -> FloatArray:
+    """Return the temperatures; where none is recorded, all readings are at the reference's."""
+    none = np.isnan(mine.temp_c)
+    if not none.any():
+        return mine.temp_c
+    if not none.all():
+        problem = "temp_c is recorded in part of the runs, expected in all of them or none"
+        raise InputError(mine.source, "", problem)
+    return np.full(len(mine), t_ref_c)
 
 
 def _compact(values: FloatArray) -> FloatArray:

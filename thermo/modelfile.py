@@ -15,6 +15,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from errormodel.arrays import FloatArray
 from errormodel.errors import InputError
 from errormodel.files import check, read_text
 from errormodel.fit import ModelFit
@@ -29,8 +30,10 @@ EQUATION = (
     "a in local g, E in output_unit; µg, ppm and µrad are millionths"
 )
 CLIP_RULE = (
-    "outside valid_c the temperature is taken as the nearest end of the range "
-    "and the reading is flagged outside_range"
+    "outside valid_c the temperature is taken as the nearest end of the range, outside "
+    "valid_rate_c_per_min the rate; readings outside valid_c or in a gap of support.temp_c are "
+    "flagged outside_range, those outside the rates of a model that uses them outside_rate, those "
+    "beyond support.force_g by more than 0.1 g outside_input"
 )
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
@@ -46,6 +49,28 @@ class CoefficientValue(_Part):
     value: Finite
     sigma: Annotated[float, Field(ge=0, allow_inf_nan=False)]
     unit: str
+
+
+class SupportPart(_Part):
+    """Where there were readings."""
+
+    temp_c: tuple[tuple[Finite, Finite], ...]
+    force_g: dict[str, tuple[Finite, Finite]]
+
+
+class InsidePart(_Part):
+    """The coefficients at a temperature within the readings."""
+
+    t_ref_c: Finite
+    coefficients: dict[str, CoefficientValue]
+
+
+class UnseenPart(_Part):
+    """A polynomial order that the readings do not limit: what it may put wrong, 1 sigma."""
+
+    family: Literal["k0", "k1"]
+    order: int
+    moves: dict[str, Finite]
 
 
 class AccelerometerModel(_Part):
@@ -68,6 +93,10 @@ class AccelerometerModel(_Part):
     heldout_residual_ug: Finite | None
     source_runs: dict[str, str]
     n_samples: int
+    support: SupportPart | None = None
+    run_to_run: dict[str, Finite] | None = None
+    inside: InsidePart | None = None
+    unseen: tuple[UnseenPart, ...] = ()
 
     @model_validator(mode="after")
     def _check(self) -> "AccelerometerModel":
@@ -86,6 +115,12 @@ class AccelerometerModel(_Part):
     def error_model(self) -> ErrorModel:
         """Return the model object."""
         return ErrorModel(tuple(term(name) for name in self.terms))
+
+    def own_covariance(self) -> FloatArray:
+        """Return the covariance in the model's own unit, in the order of `names`."""
+        factors = reporting_factors(self.error_model(), self.nominal_scale)
+        scale = np.array([factors[name] for name in self.names])
+        return np.asarray(np.array(self.covariance) / np.outer(scale, scale))
 
     def values(self) -> dict[str, float]:
         """Return the coefficients in the model's own unit, as `ErrorModel.simulate` takes them."""
@@ -155,12 +190,58 @@ def reported(
     }
 
 
+def inside_of(one: AccelerometerFit) -> dict[str, Any] | None:
+    """Return the coefficients at a temperature within the readings, as a model file has them.
+
+    None where the reference temperature lies within.
+    """
+    inside = one.doubts.inside
+    if inside is None:
+        return None
+    factors = reporting_factors(one.fit.model, one.own_scale)
+    units = reported_units(one.fit.model, one.channel.output_unit)
+    return {
+        "t_ref_c": inside.t_ref_c,
+        "coefficients": {
+            name: {
+                "value": value * factors[name],
+                "sigma": inside.sigmas[name] * abs(factors[name]),
+                "unit": units[name],
+            }
+            for name, value in inside.values.items()
+        },
+    }
+
+
+def run_to_run_of(one: AccelerometerFit) -> dict[str, float] | None:
+    """Return the sigmas by which one run more may differ; None where one run was fitted."""
+    if len(one.channel.run_ids) < 2:
+        return None
+    keys = {"k0": ("k0_ug", 1e6), "k1": ("k1_ppm", 1e6), "temp_c": ("temp_c", 1.0)}
+    return {keys[e.name][0]: e.next_sigma * keys[e.name][1] for e in one.run_effects}
+
+
+def _unseen_of(one: AccelerometerFit) -> list[dict[str, Any]]:
+    return [
+        {
+            "family": u.family,
+            "order": u.order,
+            "moves": {
+                name: move * (one.own_scale if name == "k1" else 1e6)
+                for name, move in u.moves.items()
+                if name == "k1" or name.startswith(("k0", "k1_t")) or name in one.fit.names
+            },
+        }
+        for u in one.doubts.unseen
+    ]
+
+
 def model_of(one: AccelerometerFit) -> AccelerometerModel:
     """Return the model-file entry of a fitted accelerometer."""
     channel, fitted = one.channel, one.fit
     factors = reporting_factors(fitted.model, channel.nominal_scale)
     scale = np.array([factors[name] for name in fitted.names])
-    noise = fitted.noise
+    noise = one.noise
     return AccelerometerModel.model_validate(
         {
             "serial": one.serial,
@@ -184,6 +265,10 @@ def model_of(one: AccelerometerFit) -> AccelerometerModel:
             "heldout_residual_ug": one.heldout.rms_ug if one.heldout else None,
             "source_runs": dict(one.digests),
             "n_samples": fitted.n,
+            "support": {"temp_c": one.support.temp_c, "force_g": dict(one.support.force_g)},
+            "run_to_run": run_to_run_of(one),
+            "inside": inside_of(one),
+            "unseen": _unseen_of(one),
         }
     )
 
@@ -226,7 +311,10 @@ def read_model(path: Path | str) -> ModelFile:
     except (json.JSONDecodeError, RecursionError) as err:
         raise InputError(path, "", f"not JSON: {err}") from None
     model = check(data, ModelFile, path)
-    accelerometers = [one.model_dump(mode="json") for one in model.accelerometers]
+    # as written: a key that a later version added is not in an older file's digest
+    accelerometers = [
+        one.model_dump(mode="json", exclude_unset=True) for one in model.accelerometers
+    ]
     if model_digest(accelerometers) != model.model_id:
         raise InputError(path, "model_id", "does not fit the content: the file was changed by hand")
     return model

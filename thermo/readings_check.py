@@ -343,13 +343,15 @@ def _all_series(
             continue
         run, name = record.run.at(int(rows[0])), record.serial.at(int(rows[0]))
         a_g = None if force is None else force[rows]
+        # a run without any temperature was at one temperature
+        temp_c = np.nan_to_num(record.temp_c[rows], nan=25.0)
         yield _Series(
             run=run,
             serial=name,
             rows=rows,
             time_s=record.time_s[rows],
-            temp_c=record.temp_c[rows],
-            rate=_rates(record.time_s[rows], record.temp_c[rows]),
+            temp_c=temp_c,
+            rate=_rates(record.time_s[rows], temp_c),
             output=record.output[rows] / record.scale_of(run, name).nominal_scale,
             place=_places(a_g, len(rows)),
             a_g=a_g,

@@ -71,7 +71,9 @@ class Sidecar(BaseModel):
     """What stands beside a recorded run: what its outputs are measured in.
 
     `nominal_scale` is in output units per g; a negative one is a reversed polarity. `mount_deg`
-    says by run and serial how far an accelerometer was mounted turned on the head.
+    says by run and serial how far an accelerometer was mounted turned on the head. `temp_sigma_c`
+    and `temp_gain_ppm` are what the thermistors may be wrong by, 1 sigma: an offset, and a gain
+    about 0 °C.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=False)
@@ -81,6 +83,8 @@ class Sidecar(BaseModel):
     nominal_scale: Annotated[float, Field(allow_inf_nan=False, strict=True)]
     run_start_utc: dict[str, Instant] = {}
     mount_deg: dict[str, dict[str, MountAngle]] = {}
+    temp_sigma_c: Annotated[float, Field(ge=0, le=50, allow_inf_nan=False)] = 0.0
+    temp_gain_ppm: Annotated[float, Field(ge=0, le=100_000, allow_inf_nan=False)] = 0.0
 
     @field_validator("nominal_scale")
     @classmethod
@@ -96,6 +100,8 @@ class Sidecar(BaseModel):
             output_unit=self.output_unit,
             gravity_m_s2=self.gravity_m_s2,
             nominal_scale=self.nominal_scale,
+            temp_sigma_c=self.temp_sigma_c,
+            temp_gain_ppm=self.temp_gain_ppm,
         )
 
 
@@ -175,6 +181,8 @@ def make_runs(
     nominal_scale: float,
     run_start_utc: Mapping[str, datetime] | None = None,
     mount_deg: Mapping[str, Mapping[str, float]] | None = None,
+    temp_sigma_c: float = 0.0,
+    temp_gain_ppm: float = 0.0,
     source: str = "the record",
     place: Callable[[int], str] | None = None,
 ) -> RecordedRuns:
@@ -194,6 +202,8 @@ def make_runs(
         Run id → time at which it began.
     mount_deg : mapping, optional
         Run id → serial → how far it is mounted turned on the head, °.
+    temp_sigma_c, temp_gain_ppm : float
+        What the thermistors may be wrong by, 1 sigma.
     source : str
         Where the table came from, for messages.
     place : callable, optional
@@ -210,6 +220,8 @@ def make_runs(
         "nominal_scale": nominal_scale,
         "run_start_utc": dict(run_start_utc or {}),
         "mount_deg": {run: dict(of_run) for run, of_run in (mount_deg or {}).items()},
+        "temp_sigma_c": temp_sigma_c,
+        "temp_gain_ppm": temp_gain_ppm,
     }
     sidecar = check(given, Sidecar, source)
     missing = [name for name in REQUIRED if name not in frame.columns]

@@ -73,7 +73,7 @@ def build(
     empty = constant(np.nan, len(table))
     number = {name: table.number.get(name, empty) for name in NUMBERS}
     forced = any(name in table.number for name in FORCES)
-    _check_finite(table, number, good)
+    _check_finite(table, number, good, _without_temperature(number, run, serial))
     _check_temperatures(table, number)
     _check_sizes(table, number, scale, good)
     _check_time(table, run, serial)
@@ -118,12 +118,25 @@ def _normal_flags(table: Table) -> Labels:
     return labels.renamed(["" if name.lower() in GOOD_FLAGS else name for name in names])
 
 
-def _check_finite(table: Table, number: Mapping[str, FloatArray], good: BoolArray) -> None:
+def _without_temperature(
+    number: Mapping[str, FloatArray], run: Labels, serial: Labels
+) -> BoolArray:
+    """Tell the readings of accelerometers that have no temperature at all in their run."""
+    key = pair_keys(run, serial)
+    known = np.zeros(len(run.names) * len(serial.names), dtype=np.bool_)
+    known[key[~np.isnan(number["temp_c"])]] = True
+    return ~known[key]
+
+
+def _check_finite(
+    table: Table, number: Mapping[str, FloatArray], good: BoolArray, without: BoolArray
+) -> None:
     for name in NUMBERS:
         if name in table.number and (row := _first(np.isinf(number[name]))) is not None:
             raise table.fail(row, f"{name} is infinite, expected a finite number")
     # a flagged reading may lack what could not be measured, but it has its place in time
-    for name, needed in (("time_s", np.ones_like(good)), ("temp_c", good), ("output", good)):
+    all_rows = np.ones_like(good)
+    for name, needed in (("time_s", all_rows), ("temp_c", good & ~without), ("output", good)):
         if (row := _first(np.isnan(number[name]) & needed)) is not None:
             raise table.fail(row, f"{name} is empty or not a number, expected a finite number")
 

@@ -121,6 +121,11 @@ class RecordedRuns:
         return ~bad[self.flag.codes]
 
     @property
+    def output_scale(self) -> OutputScale:
+        """What all outputs are measured in; `InputError` when it differs: select first."""
+        return self._only_scale()
+
+    @property
     def output_unit(self) -> OutputUnit:
         """The unit of all outputs; `InputError` when they differ: select first."""
         return self._only_scale().output_unit

@@ -34,12 +34,7 @@ def sidecar_text(record: RecordedRuns) -> str:
     InputError
         If the units in the record differ.
     """
-    scale = OutputScale(
-        output_unit=record.output_unit,
-        gravity_m_s2=record.gravity_m_s2,
-        nominal_scale=record.nominal_scale,
-    )
-    return sidecar_of(scale, record.run_start_utc, record.mount_deg)
+    return sidecar_of(record.output_scale, record.run_start_utc, record.mount_deg)
 
 
 def sidecar_of(
@@ -53,6 +48,9 @@ def sidecar_of(
         f"gravity_m_s2 = {scale.gravity_m_s2!r}",
         f"nominal_scale = {scale.nominal_scale!r}",
     ]
+    for name in ("temp_sigma_c", "temp_gain_ppm"):
+        value = getattr(scale, name)
+        lines += [f"{name} = {value!r}"] if value else []
     if run_start_utc:
         lines += ["", "[run_start_utc]"]
         lines += [f"{_quoted(r)} = {_quoted(t.isoformat())}" for r, t in run_start_utc.items()]

@@ -1,11 +1,11 @@
 """What a model leaves: per run, direction and position, over temperature, and as a loop."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from errormodel.arrays import FloatArray
+from errormodel.arrays import FloatArray, IntArray
 from thermo.inputs import COOLING, HEATING, HOLD, Channel
 
 # Temperature cells of the heating-minus-cooling comparison; a cell counts when each direction has
@@ -71,7 +71,7 @@ def summarise(channel: Channel, residual_ug: FloatArray) -> ResidualSummary:
     known = ~np.isnan(positions)
     angles: list[float] = np.unique(positions[known]).tolist()
     return ResidualSummary(
-        rms_ug=_rms(residual_ug),
+        rms_ug=rms(residual_ug),
         by_run=tuple(_group(r, residual_ug[run == k]) for k, r in enumerate(channel.run_ids)),
         by_direction=tuple(
             _group(name, residual_ug[channel.direction == d])
@@ -83,23 +83,71 @@ def summarise(channel: Channel, residual_ug: FloatArray) -> ResidualSummary:
     )
 
 
-def _rms(values: FloatArray) -> float:
+def constants_only_ug(
+    output: FloatArray, a_i_g: FloatArray, own_scale: float | None = None
+) -> FloatArray:
+    """Return what a model without temperature leaves, its K0 and, if it can be had, K1, µg.
+
+    It is what "raw" and "before" mean everywhere.
+
+    Parameters
+    ----------
+    output : ndarray, shape (n,)
+        In any unit.
+    a_i_g : ndarray, shape (n,)
+        Specific force along IA, local g.
+    own_scale : float, optional
+        Output per g that the residual is referred to the input by; by default that of this model,
+        1 where it cannot be had.
+    """
+    columns = np.column_stack([np.ones(output.size), a_i_g])
+    solution, _, rank, _ = np.linalg.lstsq(columns, output, rcond=1e-3)
+    if rank < 2:
+        left = output - a_i_g * (own_scale or 1.0)
+        return 1e6 * (left - left.mean()) / (own_scale or 1.0)
+    return 1e6 * (output - columns @ solution) / (own_scale or float(solution[1]))
+
+
+def rms(values: FloatArray) -> float:
+    """Return the root mean square."""
     return float(np.sqrt(np.mean(values**2)))
 
 
 def _group(name: str, values: FloatArray) -> ResidualGroup:
     return ResidualGroup(
-        name=name, n=values.size, mean_ug=float(np.mean(values)), rms_ug=_rms(values)
+        name=name, n=values.size, mean_ug=float(np.mean(values)), rms_ug=rms(values)
     )
 
 
-def _loop(channel: Channel, residual_ug: FloatArray) -> tuple[LoopCell, ...]:
+def loop_weights(channel: Channel) -> FloatArray | None:
+    """Return the weight of each reading in heating minus cooling; None with one direction only.
+
+    Of its mean over the cells: the sigma of that stands for the median's too, because drift makes
+    the cells move together.
+    """
+    weights = np.zeros(channel.temp_c.size)
+    cells = 0
+    for _, up, down in _cells(channel):
+        weights[up], weights[down] = 1.0 / up.size, -1.0 / down.size
+        cells += 1
+    return weights / cells if cells else None
+
+
+def _cells(channel: Channel) -> Iterator[tuple[int, IntArray, IntArray]]:
+    """Yield the cells of temperature that both directions passed, with the readings of each."""
     cell = np.floor(channel.temp_c / CELL_C).astype(int)
-    cells: list[LoopCell] = []
     for k in np.unique(cell).tolist():
-        up = residual_ug[(cell == k) & (channel.direction == HEATING)]
-        down = residual_ug[(cell == k) & (channel.direction == COOLING)]
+        up = np.flatnonzero((cell == k) & (channel.direction == HEATING))
+        down = np.flatnonzero((cell == k) & (channel.direction == COOLING))
         if min(up.size, down.size) >= MIN_READINGS:
-            difference = float(np.mean(up) - np.mean(down))
-            cells.append(LoopCell(temp_c=(k + 0.5) * CELL_C, heating_minus_cooling_ug=difference))
-    return tuple(cells)
+            yield k, up, down
+
+
+def _loop(channel: Channel, residual_ug: FloatArray) -> tuple[LoopCell, ...]:
+    return tuple(
+        LoopCell(
+            temp_c=(k + 0.5) * CELL_C,
+            heating_minus_cooling_ug=float(np.mean(residual_ug[up]) - np.mean(residual_ug[down])),
+        )
+        for k, up, down in _cells(channel)
+    )

@@ -1,7 +1,7 @@
 """Which terms a set of runs can carry: what is separable, and what order held-out runs want."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -9,10 +9,12 @@ import numpy as np
 from errormodel.arrays import FloatArray
 from errormodel.compressed import compress, compressed, solve_compressed, triangle_of
 from errormodel.errors import InputError
-from errormodel.fit import examine, fit, whitened_products
+from errormodel.fit import ModelFit, examine, fit, whitened_products
 from errormodel.model import ErrorModel
 from errormodel.noise import NoiseModel
+from errormodel.run_effects import estimate_run_effects
 from thermo.inputs import Channel
+from thermo.support import settled
 from thermo.terms import MAX_ORDER, STATIC_NAMES, term
 
 # An order is worth its coefficient when it lowers the held-out rms by this share or more.
@@ -26,6 +28,8 @@ PLAUSIBLE_DRIFT = 2.0
 PIECES = 10
 # The orders a quartz-flexure accelerometer usually wants; lower when the data cannot carry them.
 K0_ORDER, K1_ORDER = 3, 2
+BY_RUN = ("k0", "k1")  # what may take a new value in each run
+EACH_RUN = "each run in turn"
 # Enough readings to judge separability; more only repeat the same geometry.
 EXAMINED = 4000
 
@@ -105,8 +109,11 @@ def select_model(channel: Channel) -> Selection:
     full = equation(static, top0, top1)
     pieces, held_out = _pieces(channel, full)
     alike = _Folded(full, channel, NoiseModel(white=1.0), pieces)
-    noise = fit(full, channel.record).noise
+    found = fit(full, channel.record, by_run=BY_RUN)
+    noise = found.noise
     weighed = _Folded(full, channel, noise, pieces)
+    if held_out == EACH_RUN:
+        weighed.count_run_effects(found)
     trials = tuple(
         _trial(equation(static, i, j), (i, j), alike, weighed)
         for i in range(top0 + 1)
@@ -126,6 +133,15 @@ def select_model(channel: Channel) -> Selection:
         not_separable=lost,
         held_out=held_out,
     )
+
+
+def scaled(selection: Selection, k1: float) -> Selection:
+    """Return a selection with its residuals referred to the input by a scale factor k1."""
+    trials = tuple(
+        replace(t, residual_ug=t.residual_ug / k1, heldout_ug=t.heldout_ug / k1)
+        for t in selection.trials
+    )
+    return replace(selection, trials=trials)
 
 
 def _simplest(trials: Sequence[OrderTrial], at_most: float, measure: str) -> OrderTrial:
@@ -176,7 +192,8 @@ def separable_names(channel: Channel) -> tuple[tuple[str, ...], tuple[str, ...]]
     """Return the coefficients of the model equation that data can and cannot give.
 
     They are tried in the order in which they matter: each is kept when it can be told from those
-    before it. Orders of a polynomial are kept without gaps.
+    before it. Orders of a polynomial are kept without gaps. A soak counts as one temperature: what
+    a thermistor's noise alone would separate is not separable.
     """
     order = ["k0", "k1"]
     order += [f"{n}_t{k}" for k in range(1, MAX_ORDER + 1) for n in ("k0", "k1")]
@@ -184,7 +201,8 @@ def separable_names(channel: Channel) -> tuple[tuple[str, ...], tuple[str, ...]]
     if not channel.has_input:
         order = [n for n in order if n.startswith("k0")]
     step = max(1, len(channel.record) // EXAMINED)
-    record = channel.record.take(np.arange(0, len(channel.record), step))
+    still = channel.record.with_signals(x_c=settled(channel))
+    record = still.take(np.arange(0, len(still), step))
     kept: list[str] = []
     for name in order:
         family, _, power = name.partition("_t")
@@ -202,7 +220,8 @@ def _pieces(channel: Channel, full: ErrorModel) -> tuple[list[slice], str]:
 
     Runs are held out where the others can give the whole model without each of them.
     """
-    runs = channel.record.run
+    record = channel.record.with_signals(x_c=settled(channel))
+    runs = record.run
     count = int(runs[-1]) + 1
     if count == 1:
         return _tenths(channel), "each tenth of the one run in turn, for want of a second run"
@@ -210,10 +229,10 @@ def _pieces(channel: Channel, full: ErrorModel) -> tuple[list[slice], str]:
     for number in range(count):
         rest = np.flatnonzero(runs != number)
         rest = rest[:: max(1, rest.size // EXAMINED)]
-        if examine(full, channel.record.take(rest), start).confounded:
+        if examine(full, record.take(rest), start).confounded:
             lone = channel.run_ids[number]
             return _tenths(channel), f"each tenth of the readings in turn: run {lone} has no like"
-    return list(channel.record.run_slices), "each run in turn"
+    return list(channel.record.run_slices), EACH_RUN
 
 
 def _tenths(channel: Channel) -> list[slice]:
@@ -239,6 +258,29 @@ class _Folded:
                     triangles[k] = triangle_of(mine, triangles[k])
         self.parts = [compressed(t) for t in triangles if t is not None]
         self.n = len(record)
+
+    def count_run_effects(self, found: ModelFit) -> None:
+        """Weigh what a run differs by as its own: K0 and K1 of one run are one reading of them."""
+        at = np.array([[found.value(c.name) for c in self.full.coefficients]])
+        weights, jacobian = (w[0] for w in self.full.product_weights(at))
+        derivatives = [part.triangle @ jacobian for part in self.parts]
+        lefts = [part.target[:, 0] - part.triangle @ weights for part in self.parts]
+        grams: list[FloatArray] = []
+        for part, columns, left in zip(self.parts, derivatives, lefts, strict=True):
+            joint = np.column_stack([columns, left])
+            gram = joint.T @ joint
+            gram[-1, -1] += part.rest2[0]
+            grams.append(gram)
+        names = [n for n in BY_RUN if n in found.names]
+        directions = np.eye(len(found.names))[:, [found.names.index(n) for n in names]]
+        even = np.full(len(names), 1.0 / len(grams))
+        effects = estimate_run_effects(np.array(grams), directions, names, even, 0.0 * even)
+        sigmas = np.array([e.likely for e in effects])
+        for k, (part, columns) in enumerate(zip(self.parts, derivatives, strict=True)):
+            along = columns @ directions * sigmas
+            values, vectors = np.linalg.eigh(np.eye(len(along)) + along @ along.T)
+            root = (vectors / np.sqrt(values)) @ vectors.T
+            self.parts[k] = replace(part, triangle=root @ part.triangle, target=root @ part.target)
 
     def costs(self, model: ErrorModel) -> tuple[float, float]:
         """Return the sum of squares of a smaller model in the fit, and held out."""

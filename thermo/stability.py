@@ -198,7 +198,7 @@ def judge_stability(
     between = intervals(order, asked.between, usable.run_start_utc, spans_s)
     batch = tuple(
         fit_run_by_run(one, [r for r in order if r in one.channel.run_ids])
-        for one in fit_runs(usable, terms=wanted)
+        for one in fit_runs(usable, terms=wanted, at_one_temperature=True)
     )
     events = common_events(batch)
     own = tuple(without_common(one, events) for one in batch)

@@ -1,20 +1,20 @@
 """`accelbench import`, `fit` and `compensate`: from logs and runs to models and their use."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import click
 from rich.console import RenderableType
 
 from errormodel.errors import InputError, NotSeparableError
-from thermo.compensated import CompensatedFile, compensate_files
+from thermo.compensated import CompensatedChannel, CompensatedFile, compensate_files
 from thermo.fitting import AccelerometerFit, TermsFile, fit_runs, read_terms
 from thermo.importing import import_log
 from thermo.modelfile import ModelFile, dump_model, make_model_file
 from thermo.recording import RecordedRuns, write_runs
 from thermo.recording_summary import summary_of
 from thermo.units_check import unit_complaints
-from workbench.console import emit, number, table
+from workbench.console import emit, micro_g, number, table
 from workbench.fit_output import fit_document, fit_text
 from workbench.inputs import add_reading_counts, read_with_doubts, trust_option
 from workbench.outputs import (
@@ -137,10 +137,11 @@ def _runs_and_ids(
 def compensate(
     files: tuple[str, ...], model: Path, out: Path, trust_units: bool, force: bool, as_json: bool
 ) -> int:
-    """Apply a model: adds accel_g and accel_compensated_g to recorded runs.
+    """Apply a model: adds accel_g, accel_compensated_g and accel_sigma_g to recorded runs.
 
-    Readings at temperatures the model does not cover are flagged outside_range. A recording that
-    is compensated already is refused. In Python: thermo.compensated.compensate_files.
+    Readings that the model does not cover are flagged outside_range (temperature), outside_rate
+    and outside_input. A recording that is compensated already is refused. In Python:
+    thermo.compensated.compensate_files.
     """
     paths = [Path(name) for name in files]
     checked_run_output(out, [*with_sidecars(paths), model], force=force)
@@ -162,8 +163,13 @@ def _compensated_document(done: CompensatedFile, out: Path) -> dict[str, object]
                 "serial": c.serial,
                 "n_samples": c.n,
                 "outside_range": c.outside_range,
+                "outside_rate": c.outside_rate,
+                "outside_input": c.outside_input,
                 "error_before_ug": c.error_before_ug,
                 "error_after_ug": c.error_after_ug,
+                "sigma_ug": c.sigma_ug,
+                "left_in_ug": c.left_in_ug,
+                "run_to_run_known": c.run_to_run_known,
             }
             for c in done.channels
         ],
@@ -171,11 +177,32 @@ def _compensated_document(done: CompensatedFile, out: Path) -> dict[str, object]
 
 
 def _compensated_text(done: CompensatedFile, out: Path) -> list[RenderableType]:
-    names = ("readings", "outside range", "error before µg", "error after µg")
+    names = ("readings", "outside", "error before µg", "error after µg", "sigma µg")
     made = table("serial", *names, right=names)
     for c in done.channels:
+        outside = c.outside_range + c.outside_rate + c.outside_input
         before, after = number(c.error_before_ug), number(c.error_after_ug)
-        made.add_row(c.serial, str(c.n), str(c.outside_range), before, after)
-    unknown = any(c.error_after_ug is None for c in done.channels)
-    note = ["errors are not to be had where the input is not recorded"] if unknown else []
-    return [made, *note, f"{out}: compensated with model {done.models.model_id}"]
+        made.add_row(c.serial, str(c.n), str(outside), before, after, number(c.sigma_ug, 3))
+    notes = [note for c in done.channels for note in _notes(c)]
+    return [made, *notes, f"{out}: compensated with model {done.models.model_id}"]
+
+
+def _notes(c: CompensatedChannel) -> Iterator[str]:
+    """Tell what the table does not, of one accelerometer."""
+    kinds = {
+        "temperatures": c.outside_range, "rates": c.outside_rate, "forces": c.outside_input
+    }  # fmt: skip
+    beyond = [f"{count} {kind}" for kind, count in kinds.items() if count]
+    if beyond:
+        yield f"{c.serial}: the model does not cover {', '.join(beyond)}; the readings are flagged"
+    if c.left_in_ug is not None:
+        yield (
+            f"{c.serial}: errors are not to be had where the input is not recorded; without "
+            f"positions misalignment and cross-coupling stay in, up to {micro_g(c.left_in_ug)} "
+            "at 1 g across"
+        )
+    if not c.run_to_run_known:
+        yield (
+            f"{c.serial}: the model file does not tell by how much runs differ, as of one run or "
+            "from an older version: the sigmas do not allow for it"
+        )

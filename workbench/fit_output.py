@@ -8,9 +8,10 @@ from rich.table import Table
 
 from thermo.findings import LoopFinding, find_loop, find_order
 from thermo.fitting import AccelerometerFit
-from thermo.modelfile import ModelFile, reported
+from thermo.modelfile import ModelFile, inside_of, reported, run_to_run_of
 from thermo.residuals import ResidualGroup
 from workbench.console import micro_g, number, table
+from workbench.fit_doubts import UNITS, doubt_sentences, run_to_run_sentence
 
 COLUMNS_ABREAST = 4  # accelerometers in one table of coefficients
 
@@ -37,7 +38,7 @@ def fit_document(fits: Sequence[AccelerometerFit], model: ModelFile) -> dict[str
 
 def _accelerometer(one: AccelerometerFit) -> dict[str, Any]:
     channel, summary, heldout = one.channel, one.summary, one.heldout
-    order, loop, noise = find_order(one), find_loop(one), one.fit.noise
+    order, loop, noise = find_order(one), find_loop(one), one.noise
     return {
         "serial": one.serial,
         "t_ref_c": one.t_ref_c,
@@ -47,8 +48,10 @@ def _accelerometer(one: AccelerometerFit) -> dict[str, Any]:
         "residual_raw_ug": one.raw.rms_ug,
         "residual_ug": summary.rms_ug,
         "heldout_residual_ug": heldout.rms_ug if heldout else None,
+        "heldout_sigma_ug": one.heldout_sigma_ug,
         "heldout_runs": list(one.heldout_runs),
         "heating_minus_cooling_ug": loop.median_ug,
+        "heating_minus_cooling_sigma_ug": one.doubts.loop_sigma_ug,
         "heating_minus_cooling_at_40c_ug": loop.at_40c_ug,
         "heating_minus_cooling_by_run_ug": dict(loop.by_run_ug),
         "heating_minus_cooling_curve": [
@@ -75,7 +78,29 @@ def _accelerometer(one: AccelerometerFit) -> dict[str, Any]:
         "heldout_by_run": _groups(heldout.by_run) if heldout else [],
         "head_arcsec": one.head_arcsec,
         "condition": one.fit.condition,
+        **_doubts(one),
         "source_runs": dict(one.digests),
+    }
+
+
+def _doubts(one: AccelerometerFit) -> dict[str, Any]:
+    """Return what the coefficients and their sigmas do not say by themselves."""
+    doubts = one.doubts
+    odd = doubts.odd_run
+    return {
+        "own_scale": one.own_scale,
+        "run_to_run": run_to_run_of(one),
+        "run_to_run_likely": {e.name: e.likely * UNITS[e.name][0] for e in one.run_effects},
+        "odd_run": odd.run_id if odd else None,
+        "inside": inside_of(one),
+        "gaps_c": [list(gap) for gap in one.support.gaps_c],
+        "left_out": [
+            {"name": f.name, "follows": f.words, "rms_ug": f.rms_ug, "sigmas": f.sigmas}
+            for f in doubts.left_out
+        ],
+        "thermistor_noise_c": doubts.thermistor_noise_c,
+        "output_step_ug": doubts.output_step_ug,
+        "warnings": list(doubt_sentences(one)),
     }
 
 
@@ -150,10 +175,8 @@ def sentences(one: AccelerometerFit) -> Iterator[str]:
             "with temperature can be compensated, and K1 and all that depends on the position "
             "cannot be had"
         )
-    lost = one.selection.not_separable if one.selection else ()
-    if lost:
-        yield f"these runs cannot give: {', '.join(lost)}; each is taken as 0"
-    noise = one.fit.noise
+    yield from doubt_sentences(one)
+    noise = one.noise
     drift = (
         f" and {number(1e6 * noise.drift, 3)} µg of drift correlated over "
         f"{number(noise.drift_tau_s / 3600, 2)} h"
@@ -163,6 +186,7 @@ def sentences(one: AccelerometerFit) -> Iterator[str]:
     head = f", and for a head wrong by {number(one.head_arcsec)}″" if one.head_arcsec else ""
     white = number(1e6 * noise.white, 3)
     yield f"noise {white} µg a reading{drift}; the sigmas allow for both{head}"
+    yield run_to_run_sentence(one)
     lo, hi = one.valid_c
     yield f"valid from {number(lo)} to {number(hi)} °C; reference temperature {one.t_ref_c:g} °C"
 
@@ -171,16 +195,34 @@ def _heldout(one: AccelerometerFit) -> str:
     if one.heldout is None:
         return ""
     which = ", ".join(one.heldout_runs) or "each run predicted from the others"
-    return f", {micro_g(one.heldout.rms_ug)} on runs not fitted ({which})"
+    sigma = one.heldout_sigma_ug
+    about = f" ± {number(sigma, 2)}" if sigma is not None else ""
+    return f", {micro_g(one.heldout.rms_ug)}{about} on runs not fitted ({which})"
 
 
 def _loop_line(one: AccelerometerFit, loop: LoopFinding) -> str:
     if loop.median_ug is None:
-        return "heating minus cooling: not to be had, the runs move in one direction only"
-    parts = [f"{_both_units(one, loop.median_ug)} in the median over temperature"]
+        return _one_way_line(one)
+    sigma = one.doubts.loop_sigma_ug
+    about = f" (sigma {number(sigma, 2)} µg)" if sigma is not None else ""
+    parts = [f"{_both_units(one, loop.median_ug)}{about} in the median over temperature"]
     if loop.at_40c_ug is not None:
         parts.append(f"{_both_units(one, loop.at_40c_ug)} at 40 °C")
     return f"heating minus cooling: {', '.join(parts)}"
+
+
+def _one_way_line(one: AccelerometerFit) -> str:
+    plain = "heating minus cooling: not to be had, the runs move in one direction only"
+    if not one.doubts.one_way:
+        return plain
+    costs = ", ".join(
+        f"{words} K0 by {number(k0, 2)} µg and K1 by {number(k1, 2)} ppm"
+        for words, k0, k1 in one.doubts.one_way
+    )
+    return (
+        f"{plain}; what depends on the direction or grows with time then stays in the "
+        f"coefficients, and the sigmas do not allow for it: here {costs}"
+    )
 
 
 def _both_units(one: AccelerometerFit, value_ug: float) -> str:

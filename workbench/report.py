@@ -22,7 +22,8 @@ CONVENTIONS = (
     "input.",
     "Heating minus cooling is the difference of the mean residuals at equal temperature, its "
     "median taken over the temperatures that both directions passed.",
-    "Sigmas are standard deviations (1 σ) and allow for slow drift as well as for white noise.",
+    "Sigmas are standard deviations (1 σ) and allow for slow drift as well as for white noise, and "
+    "for what differs from run to run where there are two or more.",
 )
 
 
@@ -126,7 +127,7 @@ def _coefficients(fits: Sequence[AccelerometerFit]) -> list[list[str]]:
             for v in of_each
         ]
         rows.append([name, unit, *cells])
-    noises = [f.fit.noise for f in fits]
+    noises = [f.noise for f in fits]
     rows.append(["white noise", "µg", *(number(1e6 * n.white, 3) for n in noises)])
     rows.append(["drift", "µg", *(number(1e6 * n.drift, 3) for n in noises)])
     hours = (number(n.drift_tau_s / 3600, 2) if n.drift else "–" for n in noises)

@@ -16,14 +16,16 @@ def model(fitted, tmp_path):
 
 
 @pytest.mark.parametrize("suffix", ["csv", "parquet"])
-def test_adds_two_columns_and_the_error_falls_to_the_noise(call, two_runs, model, tmp_path, suffix):
+def test_adds_three_columns_and_the_error_falls_to_the_noise(
+    call, two_runs, model, tmp_path, suffix
+):
     out = tmp_path / f"out.{suffix}"
     done = call("compensate", two_runs, "--model", model, "--out", out, "--json")
     assert done.code == 0
     frame = pd.read_csv(out) if suffix == "csv" else pd.read_parquet(out)
     before = pd.read_csv(two_runs)
     assert list(frame.columns) == [
-        *before.columns, "accel_g", "accel_compensated_g", "flag",
+        *before.columns, "accel_g", "accel_compensated_g", "accel_sigma_g", "flag",
     ]  # fmt: skip
     np.testing.assert_array_equal(frame["output"], before["output"])
     np.testing.assert_array_equal(frame["accel_g"], before["output"] / 1.3)
