@@ -1,5 +1,6 @@
 """The engine's problem of one accelerometer's chamber runs: signatures of effects, refits."""
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -25,11 +26,12 @@ from thermo.discrepancy_blocks import Blocks, blocks_of
 from thermo.discrepancy_factors import Seen, factors_of, saturated_columns
 from thermo.effects import EFFECTS, Context, Form, ThermalEffect, context_of
 from thermo.inputs import Channel
-from thermo.terms import term
+from thermo.terms import STATIC_NAMES, term
 
 MICRO = 1e6
 REFITS = 8
 STEP_TRIALS = 320  # instants at which a step is tried
+ORDER = re.compile(r"k[01]_t\d")  # an order of the equation's polynomials
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -286,6 +288,7 @@ class _Candidates:
             # one run tells nothing of what repeats: everything is judged beside its own noise
             event=effect.event or self.source.seen.runs == 1,
             richer=rich,
+            joint=all(n in STATIC_NAMES or ORDER.fullmatch(n) for n in form.terms),
         )
 
     def _columns(self, form: Form, values: Mapping[str, float]) -> FloatArray:
