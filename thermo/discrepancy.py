@@ -253,5 +253,5 @@ def _where(places: Sequence[FactorFinding], verdict: Judgement) -> FactorFinding
 def _invisible(source: ThermalSource, foresight: Foresight) -> tuple[str, ...]:
     """Return the effects that the runs cannot show at all, whatever their size."""
     shown = set(foresight.names) - set(foresight.invisible)
-    held = {e.name for e in source.effects if source.holds(e)}
+    held = {e.name for e in source.effects if source.holds_some(e)}
     return tuple(e.name for e in source.effects if e.name not in shown | held)

@@ -30,6 +30,11 @@ class Settings:
     workers: int
     say: Tell
 
+    def calibrated(self, problem: Problem, floor: NoiseFloor) -> Calibration:
+        """Simulate the null laws of a problem."""
+        rng = np.random.default_rng(self.seed)
+        return calibrate(problem, floor, draws=self.draws, rng=rng, workers=self.workers)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Found(Searched):
@@ -39,6 +44,9 @@ class Found(Searched):
     ----------
     foresight : Foresight
     rules : Rules
+    floor : NoiseFloor
+    laws : Calibration
+        Of the present model.
     unlike : tuple of Unlike
         Effects of a shared owner that the other accelerometers refute.
     replaced : bool
@@ -48,6 +56,8 @@ class Found(Searched):
 
     foresight: Foresight
     rules: Rules
+    floor: NoiseFloor
+    laws: Calibration
     unlike: tuple[Unlike, ...] = ()
     replaced: bool = False
 
@@ -78,42 +88,50 @@ def search_together(sources: Sequence[ThermalSource], settings: Settings) -> tup
 
 
 def _without(one: Found, unlike: tuple[Unlike, ...], settings: Settings) -> Found:
-    """Search an accelerometer again with effects left out of the library."""
+    """Search an accelerometer again with effects left out of the library.
+
+    Noise and nulls stay: with fewer effects, chance could do no more than it can with all.
+    """
     names = {u.effect for u in unlike}
     settings.say(f"{one.serial}: once more without {', '.join(sorted(names))}")
     source = one.source
     kept = [e for e in source.effects if e.name not in names]
-    again = _searched(ThermalSource(source.channel, source.model, kept), settings)
+    fewer = ThermalSource(source.channel, source.model, kept)
+    again = _found(fewer, one.floor, one.laws, settings)
     others = {s.choice.name for s in again.result.slots} - one.named
     lost = one.result.explained - again.result.explained
+    rules = again.rules
+    clearly = max(rules.further, rules.relative**2 * again.result.explained)
     return replace(
         again,
         unlike=(*one.unlike, *unlike),
-        replaced=one.replaced or (bool(others) and lost > again.rules.further),
+        replaced=one.replaced or (bool(others) and lost > clearly),
     )
 
 
 def _searched(source: ThermalSource, settings: Settings) -> Found:
     """Go through noise, nulls and library for one accelerometer."""
     serial, say = source.channel.serial, settings.say
-    # one run does not carry a second name
-    rules = settings.rules if source.seen.runs > 1 else replace(settings.rules, most=1)
-
-    def calibrated(problem: Problem, floor: NoiseFloor) -> Calibration:
-        rng = np.random.default_rng(settings.seed)
-        return calibrate(problem, floor, draws=settings.draws, rng=rng, workers=settings.workers)
-
     say(f"{serial}: noise floor of {len(source.blocks.times)} block means")
     plain = source.problem((), NoiseShape())
     floor = estimate_floor(plain.times, plain.residual, plain.saturated)
+    say(f"{serial}: {settings.draws} simulated nulls")
+    laws = settings.calibrated(source.problem((), floor.shape), floor)
+    return _found(source, floor, laws, settings)
+
+
+def _found(
+    source: ThermalSource, floor: NoiseFloor, laws: Calibration, settings: Settings
+) -> Found:
+    """Search the library under a noise and its null laws."""
+    # one run does not carry a second name
+    rules = settings.rules if source.seen.runs > 1 else replace(settings.rules, most=1)
     problem = source.problem((), floor.shape)
     foresight = foresee(View(problem, floor.shape, floor.sigma), problem.candidates)
-    say(f"{serial}: {settings.draws} simulated nulls")
-    laws = calibrated(problem, floor)
-    say(f"{serial}: trying {len(problem.candidates)} effects")
-    search, result = search_all(source, floor, laws, rules, calibrated)
+    settings.say(f"{source.channel.serial}: trying {len(problem.candidates)} effects")
+    search, result = search_all(source, floor, laws, rules, settings.calibrated)
     if source.seen.runs == 1 and {s.choice.name for s in result.slots} & ORDERS:
         # a missing order is alike in heating and cooling: history may be beside it
         two = replace(rules, most=2)
-        search, result = search_all(source, floor, laws, two, calibrated)
-    return Found(source, search, result, foresight=foresight, rules=rules)
+        search, result = search_all(source, floor, laws, two, settings.calibrated)
+    return Found(source, search, result, foresight=foresight, rules=rules, floor=floor, laws=laws)

@@ -107,8 +107,16 @@ class ThermalSource:
 
     def holds(self, effect: ThermalEffect) -> bool:
         """Tell whether the present model has an effect already."""
-        alone = context_of(ErrorModel(()), self._context.runs, 1.0, 1.0, (1.0,))
-        return bool(effect.forms(alone)) and not self.forms(effect)
+        return bool(self._alone(effect)) and not self.forms(effect)
+
+    def holds_some(self, effect: ThermalEffect) -> bool:
+        """Tell whether the present model has a term of an effect; an order is one of its own."""
+        plain = {n for form in self._alone(effect)[:1] for n in form.terms}
+        return any(not ORDER.fullmatch(n) for n in plain & self._context.term_names)
+
+    def _alone(self, effect: ThermalEffect) -> Sequence[Form]:
+        """Return the forms of an effect beside a model without any term."""
+        return effect.forms(context_of(ErrorModel(()), self._context.runs, 1.0, 1.0, (1.0,)))
 
     def form_of(self, choice: Choice) -> Form:
         """Return the form that the engine chose."""
