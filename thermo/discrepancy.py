@@ -150,11 +150,12 @@ def find_discrepancy(
         check_channel(channel, runs.source)
     sources = [ThermalSource(c, mounted(_baseline(model, c), c), effects) for c in channels]
     found = search_together(sources, settings)
-    shared = shared_effects(found)
+    judged = [(one, _judged(one)) for one in found]
+    shared = shared_effects([one for one, verdict in judged if _stands(verdict)])
     made: list[Discrepancy] = []
-    for one in found:
+    for one, verdict in judged:
         settings.say(f"{one.serial}: runs held out")
-        made.append(_concluded(one, shared, t_ref_c))
+        made.append(_concluded(one, verdict, shared, t_ref_c))
     return tuple(made)
 
 
@@ -169,14 +170,18 @@ def _silent(line: str) -> None:
     """Tell nobody."""
 
 
-def _concluded(one: Found, shared: Sequence[SharedEffect], t_ref_c: float) -> Discrepancy:
-    """Judge what an accelerometer's search found, and bring together all that it stands on."""
+def _stands(verdict: Judgement) -> bool:
+    """Tell whether names stand, bare or in alias sets."""
+    return verdict.verdict in ("named", "alias")
+
+
+def _concluded(
+    one: Found, verdict: Judgement, shared: Sequence[SharedEffect], t_ref_c: float
+) -> Discrepancy:
+    """Bring together all that a verdict stands on."""
     source, search, result = one.source, one.search, one.result
     laws, floor = search.laws, result.floor
-    choices = tuple(s.choice for s in result.slots)
-    verdict = _judged(one)
-    if verdict.verdict not in ("named", "alias"):
-        choices = ()
+    choices = tuple(s.choice for s in result.slots) if _stands(verdict) else ()
     before, after = source.fitted((), floor.shape), source.fitted(choices, floor.shape)
     plain = source.fitted((), EQUAL), source.fitted(choices, EQUAL)
     where = _where(locate(search.view([]), laws), verdict)
@@ -204,7 +209,7 @@ def _concluded(one: Found, shared: Sequence[SharedEffect], t_ref_c: float) -> Di
         heldout=held_out(source, search, choices),
         experiment=propose(source, result, verdict, invisible, floor),
         unlike=one.unlike,
-        shared=tuple(s for s in shared if choices and one.serial in s.serials),
+        shared=tuple(s for s in shared if one.serial in s.serials),
         fit_first=_fit_first(source, result) if choices else (),
     )
 
@@ -221,7 +226,7 @@ def _judged(one: Found) -> Judgement:
         one.rules,
         too_much_drift=bool(drift > MOST_DRIFT * _white_ug(one.source, result)),
     )
-    if one.replaced and made.verdict in ("named", "alias"):
+    if one.replaced and _stands(made):
         return replace(made, verdict="unexplained_repeatable")
     return made
 

@@ -150,12 +150,13 @@ class Answered:
 
 def answers_to(number: int, key: Mapping[str, Any], answer: Mapping[str, Any]) -> list[Answered]:
     """Hold the command's document against the key."""
-    document = answer["json"] or {"accelerometers": [], "shared": []}
-    said = {a["serial"]: a for a in document["accelerometers"]}
+    document: dict[str, Any] = answer["json"] or {"accelerometers": [], "shared": []}
+    said: dict[str, dict[str, Any]] = {a["serial"]: a for a in document["accelerometers"]}
+    failed: dict[str, Any] = {"verdict": "failed", "effects": [], "alias_sets": []}
     made: list[Answered] = []
     for serial, true in key["accelerometers"].items():
-        one = said.get(serial, {"verdict": "failed", "effects": [], "alias_sets": []})
-        aliases = tuple(tuple(names) for names in one["alias_sets"])
+        one = said.get(serial, failed)
+        aliases = tuple(tuple(map(str, names)) for names in one["alias_sets"])
         aliased = {n for names in aliases for n in names}
         made.append(
             Answered(

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from typing import Literal
 
 import pandas as pd
+import pytest
 
 from tests.thermo.discrepancy_examples import hidden_runs, recorded
 from thermo.discrepancy import Discrepancy, find_discrepancy
@@ -42,6 +43,22 @@ def test_an_error_of_the_head_is_told_once_with_all_that_show_it() -> None:
     # at every 45° one mounting cannot tell it from a third order, however many are on the head
     for d in found:
         assert {"indexer_harmonic", "third_order"} <= {n for s in d.alias_sets for n in s}
+
+
+@pytest.mark.slow
+def test_what_came_to_all_at_one_moment_is_told_as_the_runs_and_not_each_one_s() -> None:
+    found = find_discrepancy(
+        recorded(
+            [
+                hidden_runs(21 + k, {"step": size}).frame().assign(serial="AB"[k])
+                for k, size in enumerate((40.0, -60.0))
+            ]
+        ),
+        draws=FEWER,
+    )
+    assert all("bias_step" in [e.name for e in d.effects] for d in found)
+    shared = SharedEffect(effect="bias_step", serials=("A", "B"), owner="run")
+    assert [d.shared for d in found] == [(shared,), (shared,)]
 
 
 def test_what_differs_between_accelerometers_on_one_head_is_their_own() -> None:
