@@ -8,7 +8,7 @@ import pytest
 from tests.hidden.chamber_physics import EIGHT, Protocol, there_and_back
 from tests.hidden.head_campaign import HEAD, answers_to, run_campaigns, told, write_campaign
 
-QUICK = Protocol(name="quick", runs=(there_and_back(4.0),) * 2, angles_deg=EIGHT, dwell_s=60.0)
+QUICK = Protocol(name="quick", runs=(there_and_back(4.0),) * 3, angles_deg=EIGHT, dwell_s=60.0)
 KEY = {"head": {HEAD: 1.0}, "accelerometers": {"A1": {"own": "thermal_lag", "d": 30.0}}}
 
 
