@@ -29,7 +29,9 @@ def warm(frame: pd.DataFrame, rng: np.random.Generator, rows: np.ndarray) -> Non
 
 
 def overload(frame: pd.DataFrame, rng: np.random.Generator, rows: np.ndarray) -> None:
+    """As the station records it: a huge number, flagged."""
     frame.loc[rows, "output"] = 9.9e37
+    frame["flag"] = np.where(frame.index.isin(rows), "overload", "")
 
 
 def zero(frame: pd.DataFrame, rng: np.random.Generator, rows: np.ndarray) -> None:
