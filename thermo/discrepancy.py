@@ -210,7 +210,7 @@ def _concluded(
         experiment=propose(source, result, verdict, invisible, floor),
         unlike=one.unlike,
         shared=tuple(s for s in shared if one.serial in s.serials),
-        fit_first=_fit_first(source, result) if choices else (),
+        fit_first=_fit_first(source, result, after) if choices else (),
     )
 
 
@@ -240,10 +240,14 @@ def _white_ug(source: ThermalSource, result: SearchResult) -> float:
     return result.floor.sigma * float(np.sqrt(source.blocks.usual))
 
 
-def _fit_first(source: ThermalSource, result: SearchResult) -> tuple[str, ...]:
-    """Return the terms of the equation that the present model lacks at once."""
+def _fit_first(source: ThermalSource, result: SearchResult, after: Fitted) -> tuple[str, ...]:
+    """Return the terms of the equation that the present model lacks at once.
+
+    What has no effect in these runs, force along the output axis say, they do not call for.
+    """
     slots = [s for s in result.slots if s.choice.name in result.started]
-    return tuple(name for s in slots for name in source.form_of(s.choice).terms)
+    names = [name for s in slots for name in source.form_of(s.choice).terms]
+    return tuple(n for n in names if n not in after.idle)
 
 
 def _where(places: Sequence[FactorFinding], verdict: Judgement) -> FactorFinding | None:
