@@ -147,7 +147,7 @@ def shared_lines(found: Sequence[Discrepancy]) -> Iterator[str]:
         if s.owner == "run":
             yield f"{s.effect} came to {told} in the same runs: look at the run, not at each."
         else:
-            yield f"{s.effect} is alike in {told}, as an error of the {s.owner} would be: one cause."
+            yield f"{s.effect} is alike in {told}, as an error of the {s.owner} would be."
 
 
 def rival_lines(d: Conclusion) -> Iterator[str]:
