@@ -31,7 +31,7 @@ from errormodel.discrepancy.problem import Candidate, Problem
 from errormodel.discrepancy.scan import View
 from tests.hidden.chamber_truth import write_set
 from tests.hidden.plan import recipe
-from thermo.discrepancy import default_baseline
+from thermo.discrepancy_baseline import bare_baseline
 from thermo.discrepancy_source import ThermalSource
 from thermo.inputs import channel_of
 from thermo.recording import read_runs
@@ -51,7 +51,7 @@ def four_runs() -> Problem:
         write_set(folder, folder / "key.json", recipe("nothing", "P1", "white"), [1, 1])
         runs = read_runs([folder / "run.csv"])
     channel = channel_of(runs, runs.serials[0])
-    return ThermalSource(channel, default_baseline(channel)).problem((), NoiseShape())
+    return ThermalSource(channel, bare_baseline(channel)).problem((), NoiseShape())
 
 
 def signatures(

@@ -27,7 +27,8 @@ from pysindy.optimizers import STLSQ
 from errormodel.arrays import FloatArray
 from errormodel.discrepancy.coloured import NoiseShape
 from tests.thermo.discrepancy_examples import hidden_runs
-from thermo.discrepancy import default_baseline, find_discrepancy
+from thermo.discrepancy import find_discrepancy
+from thermo.discrepancy_baseline import bare_baseline
 from thermo.discrepancy_source import ThermalSource
 from thermo.effects import EFFECTS
 from thermo.inputs import channel_of
@@ -53,7 +54,7 @@ def columns_of(runs: RecordedRuns) -> tuple[FloatArray, FloatArray, list[str], F
     """Return the linear effects' columns and the residual beside the baseline, names, runs."""
     channel = channel_of(runs, "A")
     effects = [e for e in EFFECTS if e.name in LINEAR]
-    source = ThermalSource(channel, default_baseline(channel), effects)
+    source = ThermalSource(channel, bare_baseline(channel), effects)
     problem = source.outline(NoiseShape())
     base, _ = np.linalg.qr(problem.base / np.linalg.norm(problem.base, axis=0))
     blocks: list[FloatArray] = []
@@ -98,7 +99,8 @@ def named_by_sindy(runs: RecordedRuns) -> set[str]:
 
 def named_by_search(runs: RecordedRuns) -> set[str]:
     """Return the effects named; an alias set stands as one name with bars."""
-    (d,) = find_discrepancy(runs, effects=[e for e in EFFECTS if e.name in LINEAR])
+    library = [e for e in EFFECTS if e.name in LINEAR]
+    (d,) = find_discrepancy(runs, model="bare", effects=library)
     if d.alias_sets:
         return {"|".join(s) for s in d.alias_sets}
     return {e.name for e in d.effects}

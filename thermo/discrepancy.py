@@ -5,24 +5,24 @@ the recorded inputs and compared with the outputs; what is left is located, a li
 effects is tried, the effect found is added and judged on runs that were held out.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
 from errormodel.discrepancy.choices import Rules, SearchResult
-from errormodel.discrepancy.coloured import NoiseShape
-from errormodel.discrepancy.floor import NoiseFloor, estimate_floor
-from errormodel.discrepancy.foresight import Foresight, foresee
+from errormodel.discrepancy.floor import NoiseFloor
+from errormodel.discrepancy.foresight import Foresight
 from errormodel.discrepancy.gate import Conclusion, FactorFinding, Judgement, judge, locate
-from errormodel.discrepancy.nulls import Calibration, calibrate
-from errormodel.discrepancy.problem import Problem
-from errormodel.discrepancy.scan import View
-from errormodel.discrepancy.search import Search
+from errormodel.discrepancy.nulls import Calibration
 from errormodel.model import ErrorModel
+from thermo.discrepancy_baseline import bare_baseline, fitted_baseline
 from thermo.discrepancy_floor import floor_ug
 from thermo.discrepancy_heldout import EQUAL, HeldOut, held_out, reading_residual_ug, rms
 from thermo.discrepancy_input import check_channel
+from thermo.discrepancy_search import Found, Settings, Tell, search_together
+from thermo.discrepancy_shared import SharedEffect, Unlike, shared_effects
 from thermo.discrepancy_source import Fitted, ThermalSource
 from thermo.discrepancy_words import EffectFound, effects_found, where_text
 from thermo.effects import EFFECTS, ThermalEffect
@@ -30,14 +30,12 @@ from thermo.experiments import Experiment, propose
 from thermo.fitting import TermsFile
 from thermo.inputs import Channel, channel_of
 from thermo.recording import RecordedRuns
-from thermo.selection import equation, mounted, separable_names
+from thermo.selection import mounted
 
-RULES = Rules(pairs=True)
-ORDERS = frozenset({"bias_temperature_order", "scale_temperature_order"})
+RULES = Rules(pairs=True, most=5)
 DRAWS = 300
 # A slow part larger than this many times the white noise of a reading is no instrument's drift.
 MOST_DRIFT = 3.0
-Tell = Callable[[str], None]
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -64,6 +62,12 @@ class Discrepancy(Conclusion):
         Over readings.
     heldout : HeldOut or None
     experiment : Experiment or None
+    unlike : tuple of Unlike
+        Effects of the head, the chamber or the digitiser that the other accelerometers refute.
+    shared : tuple of SharedEffect
+        Effects that other accelerometers show as well, with whose they are.
+    fit_first : tuple of str
+        Terms of the equation that the present model lacks at once.
     """
 
     channel: Channel
@@ -85,6 +89,9 @@ class Discrepancy(Conclusion):
     floor_ug: float
     heldout: HeldOut | None
     experiment: Experiment | None
+    unlike: tuple[Unlike, ...]
+    shared: tuple[SharedEffect, ...]
+    fit_first: tuple[str, ...]
 
     @property
     def serial(self) -> str:
@@ -92,18 +99,10 @@ class Discrepancy(Conclusion):
         return self.channel.serial
 
 
-def default_baseline(channel: Channel) -> ErrorModel:
-    """Return k0 and, with a known input, k1, each quadratic in temperature if it can be had."""
-    names, _ = separable_names(channel)
-    top = {f: next(k for k in (2, 1, 0) if k == 0 or f"{f}_t{k}" in names) for f in ("k0", "k1")}
-    static = [n for n in ("k1", "k0") if n in names]
-    return equation(static, top["k0"], top["k1"] if channel.has_input else 0)
-
-
 def find_discrepancy(
     runs: RecordedRuns,
     *,
-    model: TermsFile | None = None,
+    model: TermsFile | Literal["bare"] | None = None,
     effects: Sequence[ThermalEffect] = EFFECTS,
     rules: Rules | None = None,
     draws: int = DRAWS,
@@ -116,8 +115,9 @@ def find_discrepancy(
     Parameters
     ----------
     runs : RecordedRuns
-    model : TermsFile, optional
-        The present model's terms; by default k0 and k1, each quadratic in temperature.
+    model : TermsFile or "bare", optional
+        The present model's terms; by default those that `fit` chooses for each accelerometer.
+        "bare": k0 and k1, each quadratic in temperature.
     effects : sequence of ThermalEffect
         The library.
     rules : Rules, optional
@@ -141,121 +141,113 @@ def find_discrepancy(
     InputError
         If an accelerometer's runs cannot be searched.
     """
-    say: Tell = tell or _silent
-    given = model or TermsFile()
-    made: list[Discrepancy] = []
-    channels = [channel_of(runs, serial, t_ref_c=given.t_ref_c) for serial in runs.serials]
+    t_ref_c = model.t_ref_c if isinstance(model, TermsFile) else TermsFile().t_ref_c
+    settings = Settings(
+        rules=rules or RULES, draws=draws, seed=seed, workers=workers, say=tell or _silent
+    )
+    channels = [channel_of(runs, serial, t_ref_c=t_ref_c) for serial in runs.serials]
     for channel in channels:
         check_channel(channel, runs.source)
-    for channel in channels:
-        baseline = mounted(given.model() or default_baseline(channel), channel)
-        source = ThermalSource(channel, baseline, effects)
-        work = _Work(source, given.t_ref_c, rules or RULES, draws, seed, workers, say)
-        made.append(work.run())
+    sources = [ThermalSource(c, mounted(_baseline(model, c), c), effects) for c in channels]
+    found = search_together(sources, settings)
+    judged = [(one, _judged(one)) for one in found]
+    shared = shared_effects([one for one, verdict in judged if _stands(verdict)])
+    made: list[Discrepancy] = []
+    for one, verdict in judged:
+        settings.say(f"{one.serial}: runs held out")
+        made.append(_concluded(one, verdict, shared, t_ref_c))
     return tuple(made)
+
+
+def _baseline(model: TermsFile | Literal["bare"] | None, channel: Channel) -> ErrorModel:
+    """Return the present model of an accelerometer."""
+    if model == "bare":
+        return bare_baseline(channel)
+    return (model.model() if model else None) or fitted_baseline(channel)
 
 
 def _silent(line: str) -> None:
     """Tell nobody."""
 
 
-class _Work:
-    """The steps for one accelerometer."""
+def _stands(verdict: Judgement) -> bool:
+    """Tell whether names stand, bare or in alias sets."""
+    return verdict.verdict in ("named", "alias")
 
-    def __init__(
-        self,
-        source: ThermalSource,
-        t_ref_c: float,
-        rules: Rules,
-        draws: int,
-        seed: int,
-        workers: int,
-        say: Tell,
-    ) -> None:
-        self.source, self.t_ref_c = source, t_ref_c
-        # one run does not carry a second name
-        self.rules = rules if source.seen.runs > 1 else replace(rules, most=1)
-        self.draws, self.seed, self.workers, self.say = draws, seed, workers, say
 
-    def run(self) -> Discrepancy:
-        """Go through all of it."""
-        source, serial = self.source, self.source.channel.serial
-        self.say(f"{serial}: noise floor of {len(source.blocks.times)} block means")
-        plain = source.problem((), NoiseShape())
-        floor = estimate_floor(plain.times, plain.residual, plain.saturated)
-        problem = source.problem((), floor.shape)
-        view = View(problem, floor.shape, floor.sigma)
-        foresight = foresee(view, problem.candidates)
-        self.say(f"{serial}: {self.draws} simulated nulls")
-        laws = self._calibrated(problem, floor)
-        self.say(f"{serial}: trying {len(problem.candidates)} effects")
-        search = Search(source, floor, laws, self.rules, self._calibrated)
-        result = search.run()
-        if source.seen.runs == 1 and {s.choice.name for s in result.slots} & ORDERS:
-            # a missing order is alike in heating and cooling: history may be beside it
-            search = Search(source, floor, laws, replace(self.rules, most=2), self._calibrated)
-            result = search.run()
-        return self._conclude(search, foresight, result)
+def _concluded(
+    one: Found, verdict: Judgement, shared: Sequence[SharedEffect], t_ref_c: float
+) -> Discrepancy:
+    """Bring together all that a verdict stands on."""
+    source, search, result = one.source, one.search, one.result
+    laws, floor = search.laws, result.floor
+    choices = tuple(s.choice for s in result.slots) if _stands(verdict) else ()
+    before, after = source.fitted((), floor.shape), source.fitted(choices, floor.shape)
+    plain = source.fitted((), EQUAL), source.fitted(choices, EQUAL)
+    where = _where(locate(search.view([]), laws), verdict)
+    invisible = _invisible(source, one.foresight)
+    return Discrepancy(
+        channel=source.channel,
+        t_ref_c=t_ref_c,
+        source=source,
+        judgement=verdict,
+        result=result,
+        laws=laws,
+        foresight=one.foresight,
+        invisible=invisible,
+        floor=floor,
+        before=before,
+        after=after,
+        plain_before=plain[0],
+        plain_after=plain[1],
+        effects=effects_found(source, after, result, floor) if choices else (),
+        where=where,
+        where_text=where_text(where, verdict),
+        rms_before_ug=rms(reading_residual_ug(source.channel, plain[0])),
+        rms_after_ug=rms(reading_residual_ug(source.channel, plain[1])),
+        floor_ug=floor_ug(source, after, floor, search.view([]).problem.saturated),
+        heldout=held_out(source, search, choices),
+        experiment=propose(source, result, verdict, invisible, floor),
+        unlike=one.unlike,
+        shared=tuple(s for s in shared if one.serial in s.serials),
+        fit_first=_fit_first(source, result, after) if choices else (),
+    )
 
-    def _calibrated(self, problem: Problem, floor: NoiseFloor) -> Calibration:
-        rng = np.random.default_rng(self.seed)
-        return calibrate(problem, floor, draws=self.draws, rng=rng, workers=self.workers)
 
-    def _conclude(self, search: Search, foresight: Foresight, result: SearchResult) -> Discrepancy:
-        source, laws, floor = self.source, search.laws, result.floor
-        choices = tuple(s.choice for s in result.slots)
-        white_ug = self._white_ug(result)
-        drift = floor.sigma * np.sqrt(floor.shape.slow_share(source.blocks.times.span_s))
-        verdict = judge(
-            search.view(choices),
-            result,
-            laws,
-            self.rules,
-            too_much_drift=bool(drift > MOST_DRIFT * white_ug),
-        )
-        if verdict.verdict not in ("named", "alias"):
-            choices = ()
-        before = source.fitted((), floor.shape)
-        after = source.fitted(choices, floor.shape)
-        plain = source.fitted((), EQUAL), source.fitted(choices, EQUAL)
-        places = locate(search.view([]), laws)
-        where = _where(places, verdict)
-        self.say(f"{source.channel.serial}: runs held out")
-        heldout = held_out(source, search, choices)
-        invisible = _invisible(source, foresight)
-        found = effects_found(source, after, result, floor) if choices else ()
-        return Discrepancy(
-            channel=source.channel,
-            t_ref_c=self.t_ref_c,
-            source=source,
-            judgement=verdict,
-            result=result,
-            laws=laws,
-            foresight=foresight,
-            invisible=invisible,
-            floor=floor,
-            before=before,
-            after=after,
-            plain_before=plain[0],
-            plain_after=plain[1],
-            effects=found,
-            where=where,
-            where_text=where_text(where, verdict),
-            rms_before_ug=rms(reading_residual_ug(source.channel, plain[0])),
-            rms_after_ug=rms(reading_residual_ug(source.channel, plain[1])),
-            floor_ug=floor_ug(source, after, floor, search.view([]).problem.saturated),
-            heldout=heldout,
-            experiment=propose(source, result, verdict, invisible, floor),
-        )
+def _judged(one: Found) -> Judgement:
+    """Return the verdict; names that came in the place of refuted ones must explain as much."""
+    search, result = one.search, one.result
+    floor = result.floor
+    drift = floor.sigma * np.sqrt(floor.shape.slow_share(one.source.blocks.times.span_s))
+    made = judge(
+        search.view([s.choice for s in result.slots]),
+        result,
+        search.laws,
+        one.rules,
+        too_much_drift=bool(drift > MOST_DRIFT * _white_ug(one.source, result)),
+    )
+    if one.replaced and _stands(made):
+        return replace(made, verdict="unexplained_repeatable")
+    return made
 
-    def _white_ug(self, result: SearchResult) -> float:
-        """Return the white sigma of a reading: from within blocks where there is enough."""
-        source = self.source
-        fitted = source.fitted([s.choice for s in result.slots], result.floor.shape)
-        sigma, dof = source.blocks.spread(reading_residual_ug(source.channel, fitted))
-        if dof > 100:
-            return sigma
-        return result.floor.sigma * float(np.sqrt(source.blocks.usual))
+
+def _white_ug(source: ThermalSource, result: SearchResult) -> float:
+    """Return the white sigma of a reading: from within blocks where there is enough."""
+    fitted = source.fitted([s.choice for s in result.slots], result.floor.shape)
+    sigma, dof = source.blocks.spread(reading_residual_ug(source.channel, fitted))
+    if dof > 100:
+        return sigma
+    return result.floor.sigma * float(np.sqrt(source.blocks.usual))
+
+
+def _fit_first(source: ThermalSource, result: SearchResult, after: Fitted) -> tuple[str, ...]:
+    """Return the terms of the equation that the present model lacks at once.
+
+    What has no effect in these runs, force along the output axis say, they do not call for.
+    """
+    slots = [s for s in result.slots if s.choice.name in result.started]
+    names = [name for s in slots for name in source.form_of(s.choice).terms]
+    return tuple(n for n in names if n not in after.idle)
 
 
 def _where(places: Sequence[FactorFinding], verdict: Judgement) -> FactorFinding | None:
@@ -270,5 +262,5 @@ def _where(places: Sequence[FactorFinding], verdict: Judgement) -> FactorFinding
 def _invisible(source: ThermalSource, foresight: Foresight) -> tuple[str, ...]:
     """Return the effects that the runs cannot show at all, whatever their size."""
     shown = set(foresight.names) - set(foresight.invisible)
-    held = {e.name for e in source.effects if source.holds(e)}
+    held = {e.name for e in source.effects if source.holds_some(e)}
     return tuple(e.name for e in source.effects if e.name not in shown | held)

@@ -107,8 +107,8 @@ def held_out(source: ThermalSource, search: Search, choices: Sequence[Choice]) -
 
 def _chosen(part: ThermalSource, search: Search) -> tuple[Choice, ...]:
     """Repeat the choice on fewer runs, under the noise and the null laws of all."""
-    again = Search(part, search.floor, replace(search.laws, shapes=()), search.rules)
-    return again.chosen()
+    laws = replace(search.laws, shapes=())
+    return Search(part, search.floor, laws, search.rules, start=search.start).chosen()
 
 
 def _predicted(unseen: Channel, fitted: Fitted) -> FloatArray:

@@ -1,5 +1,6 @@
 """The engine's problem of one accelerometer's chamber runs: signatures of effects, refits."""
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -25,11 +26,12 @@ from thermo.discrepancy_blocks import Blocks, blocks_of
 from thermo.discrepancy_factors import Seen, factors_of, saturated_columns
 from thermo.effects import EFFECTS, Context, Form, ThermalEffect, context_of
 from thermo.inputs import Channel
-from thermo.terms import term
+from thermo.terms import STATIC_NAMES, term
 
 MICRO = 1e6
 REFITS = 8
 STEP_TRIALS = 320  # instants at which a step is tried
+ORDER = re.compile(r"k[01]_t\d")  # an order of the equation's polynomials
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -105,8 +107,16 @@ class ThermalSource:
 
     def holds(self, effect: ThermalEffect) -> bool:
         """Tell whether the present model has an effect already."""
-        alone = context_of(ErrorModel(()), self._context.runs, 1.0, 1.0, (1.0,))
-        return bool(effect.forms(alone)) and not self.forms(effect)
+        return bool(self._alone(effect)) and not self.forms(effect)
+
+    def holds_some(self, effect: ThermalEffect) -> bool:
+        """Tell whether the present model has a term of an effect; an order is one of its own."""
+        plain = {n for form in self._alone(effect)[:1] for n in form.terms}
+        return any(not ORDER.fullmatch(n) for n in plain & self._context.term_names)
+
+    def _alone(self, effect: ThermalEffect) -> Sequence[Form]:
+        """Return the forms of an effect beside a model without any term."""
+        return effect.forms(context_of(ErrorModel(()), self._context.runs, 1.0, 1.0, (1.0,)))
 
     def form_of(self, choice: Choice) -> Form:
         """Return the form that the engine chose."""
@@ -286,6 +296,7 @@ class _Candidates:
             # one run tells nothing of what repeats: everything is judged beside its own noise
             event=effect.event or self.source.seen.runs == 1,
             richer=rich,
+            joint=all(n in STATIC_NAMES or ORDER.fullmatch(n) for n in form.terms),
         )
 
     def _columns(self, form: Form, values: Mapping[str, float]) -> FloatArray:

@@ -6,6 +6,7 @@ more than one form: the first is tried with the others, a richer one when the fi
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from errormodel.model import ErrorModel
 from thermo.terms import MAX_ORDER
 
 Grid = tuple[tuple[float, ...], ...]
+Cause = Literal["accelerometer", "head", "chamber", "digitiser", "run"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,6 +48,9 @@ class ThermalEffect:
         What isolates it, in words.
     event : bool
         It belongs to one run or one moment: a new run will not repeat it.
+    cause : str
+        Who owns it. What is the head's, the chamber's or the digitiser's is alike in all
+        accelerometers that shared it; what belongs to a run may come to several at one moment.
     """
 
     name: str
@@ -53,6 +58,7 @@ class ThermalEffect:
     forms: Callable[["Context"], Sequence[Form]]
     experiment: str
     event: bool = False
+    cause: Cause = "accelerometer"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -284,6 +290,7 @@ EFFECTS: tuple[ThermalEffect, ...] = (
         forms=_turn_on,
         experiment="several short runs with the power switched between them",
         event=True,
+        cause="run",
     ),
     ThermalEffect(
         name="bias_step",
@@ -291,6 +298,7 @@ EFFECTS: tuple[ThermalEffect, ...] = (
         forms=_step,
         experiment="the same run again: a step that has stayed is in all of it",
         event=True,
+        cause="run",
     ),
     ThermalEffect(
         name="bias_drift",
@@ -298,6 +306,7 @@ EFFECTS: tuple[ThermalEffect, ...] = (
         forms=_plain("bias_drift"),
         experiment="a long hold at one temperature",
         event=True,
+        cause="run",
     ),
     ThermalEffect(
         name="indexer_harmonic",
@@ -305,12 +314,14 @@ EFFECTS: tuple[ThermalEffect, ...] = (
         forms=_harmonic,
         experiment="positions every 15°, and the same with the accelerometer mounted turned by "
         "90° on the head",
+        cause="head",
     ),
     ThermalEffect(
         name="output_nonlinearity",
         sentence="The readout's gain depends on the sign or the size of its output: {size}.",
         forms=_plain("output_nonlinearity", "output_nonlinearity_odd"),
         experiment="positions every 15°, and the same on another channel of the readout",
+        cause="digitiser",
     ),
 )
 

@@ -13,7 +13,8 @@ import numpy as np
 from errormodel.discrepancy.choices import Choice, SearchResult
 from errormodel.discrepancy.floor import NoiseFloor
 from errormodel.discrepancy.gate import Judgement
-from errormodel.discrepancy.problem import Signature, columns_of
+from errormodel.discrepancy.pairs import POINTS
+from errormodel.discrepancy.problem import Signature, Theta, columns_of
 from errormodel.discrepancy.scan import Prepared, View
 from errormodel.errors import InputError
 from thermo.discrepancy_source import Fitted, ThermalSource
@@ -125,6 +126,11 @@ def _better(distance: float, plan: Plan, best: "tuple[float, Item, Plan]") -> bo
     if min(distance, best[0]) >= CLEAR_D:
         return plan.total_s < best[2].total_s
     return distance > best[0]
+
+
+def _thinned(grid: Many[Theta]) -> Many[Theta]:
+    """Return some points of a grid: enough to see whether one effect imitates another."""
+    return grid[:: max(1, round(len(grid) / POINTS))]
 
 
 class _Experiments:
@@ -249,7 +255,7 @@ class _Experiments:
         )
         view = self._view(replace(channel, record=perfect))
         every = {
-            c.name: [Signature(columns=columns_of(s)) for s in c.prepared()]
+            c.name: [Signature(columns=columns_of(c.signature(t))) for t in _thinned(c.grid)]
             for c in view.problem.candidates
         }
         points = {name: view.points(own) for name, own in every.items()}

@@ -8,7 +8,7 @@ import numpy as np
 from errormodel.discrepancy.coloured import drifting
 from errormodel.discrepancy.foresight import SAME, foresee
 from errormodel.discrepancy.scan import View
-from thermo.discrepancy import default_baseline
+from thermo.discrepancy_baseline import bare_baseline
 from thermo.discrepancy_source import ThermalSource
 from thermo.effects import EFFECTS, ThermalEffect
 from thermo.foresight import planned_channel
@@ -63,7 +63,7 @@ def foresee_effects(
         The library.
     """
     channel = planned_channel(runs[:MAX_RUNS], t_ref_c, mount_deg)
-    model = default_baseline(channel)
+    model = bare_baseline(channel)
     # a lag shows only in what depends on temperature: the emulated type's coefficients
     usual = plain_accelerometer(channel.serial).values
     values = {n: usual[n] for n in model.names}

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Literal
 
 import click
 
@@ -26,6 +27,8 @@ from workbench.outputs import (
     with_sidecars,
 )
 
+BARE = Path("bare")  # no file: k0 and k1, each quadratic in temperature
+
 
 @click.command()
 @click.argument("kind", type=click.Choice(["thermal", "rig"]), metavar="thermal|rig")
@@ -33,7 +36,7 @@ from workbench.outputs import (
 @click.option(
     "--model",
     type=Path,
-    help="The present model: TERMS.toml, or MODEL.json of a fit; of a rig, MODEL.toml.",
+    help="The present model: TERMS.toml, MODEL.json of a fit, or bare; of a rig, MODEL.toml.",
 )
 @click.option("--effects", type=Path, help="A file of effects of your own.")
 @click.option("--out", type=Path, help="MODEL.toml, the larger model; MODEL.json beside it.")
@@ -66,8 +69,9 @@ def discrepancy(
 ) -> int:
     """Find where runs and model disagree, and name the effect that is missing.
 
-    Without --model the present model is k0 and k1, each quadratic in temperature; of a SINS on a
-    rig, biases, scale errors and misalignments. In Python: thermo.discrepancy.find_discrepancy,
+    Without --model the present model is the equation that fit would choose, with --model bare k0
+    and k1, each quadratic in temperature; of a SINS on a rig, biases, scale errors and
+    misalignments. In Python: thermo.discrepancy.find_discrepancy,
     sinscal.discrepancy.find_rig_discrepancy.
     """
     if kind == "rig":
@@ -78,7 +82,8 @@ def discrepancy(
                 raise InputError("discrepancy rig", name, "belongs to discrepancy thermal only")
         discrepancy_rig(files, model, out, report, seed=seed, force=force, as_json=as_json)
         return 0
-    inputs = [*with_sidecars(list(files)), *(p for p in (model, effects) if p)]
+    given = [p for p in (model, effects) if p and p != BARE]
+    inputs = [*with_sidecars(list(files)), *given]
     for path in (p for p in (out, experiment_out) if p):
         checked_output(path, inputs, force=force)
     check_results(None, report, [], force=force)
@@ -118,10 +123,12 @@ def _tell(line: str) -> None:
     click.echo(line, err=True)
 
 
-def _present(path: Path | None) -> TermsFile | None:
+def _present(path: Path | None) -> TermsFile | Literal["bare"] | None:
     """Read the present model: a list of terms, or the terms of a fitted model."""
     if path is None:
         return None
+    if path == BARE:
+        return "bare"
     if path.suffix.lower() != ".json":
         return read_terms(path)
     first = read_model(path).accelerometers[0]

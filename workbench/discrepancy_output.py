@@ -7,6 +7,7 @@ from rich.console import RenderableType
 
 from errormodel.discrepancy.gate import Conclusion
 from thermo.discrepancy import Discrepancy
+from thermo.discrepancy_shared import SharedEffect
 from thermo.discrepancy_words import EffectFound
 from thermo.effects import effects_by_name
 from thermo.smallest import smallest_nameable
@@ -33,7 +34,16 @@ def discrepancy_document(found: Sequence[Discrepancy]) -> dict[str, Any]:
     dict
     """
     every = [_one(d) for d in found]
-    return {**every[0], "accelerometers": every}
+    shared = [
+        {"effect": s.effect, "serials": list(s.serials), "owner": s.owner}
+        for s in all_shared(found)
+    ]
+    return {**every[0], "accelerometers": every, "shared": shared}
+
+
+def all_shared(found: Sequence[Discrepancy]) -> tuple[SharedEffect, ...]:
+    """Return the causes that several accelerometers shared, each once."""
+    return tuple(dict.fromkeys(s for d in found for s in d.shared))
 
 
 def _one(d: Discrepancy) -> dict[str, Any]:
@@ -82,6 +92,8 @@ def _one(d: Discrepancy) -> dict[str, Any]:
             "slow_ug": [d.floor.sigma * v**0.5 for v in d.floor.shape.variance],
             "tau_s": list(d.floor.shape.tau_s),
         },
+        "fit_first": list(d.fit_first),
+        "refuted": [u.effect for u in d.unlike],
         "baseline": [t.name for t in d.before.model.terms],
         "model": [t.name for t in d.after.model.terms],
     }
@@ -125,6 +137,17 @@ def discrepancy_text(found: Sequence[Discrepancy]) -> Iterator[RenderableType]:
         if d.heldout:
             yield _heldout_table(d)
         yield ""
+    yield from shared_lines(found)
+
+
+def shared_lines(found: Sequence[Discrepancy]) -> Iterator[str]:
+    """Say which causes several accelerometers shared."""
+    for s in all_shared(found):
+        told = ", ".join(s.serials)
+        if s.owner == "run":
+            yield f"{s.effect} came to {told} in the same runs: look at the run, not at each."
+        else:
+            yield f"{s.effect} is alike in {told}, as an error of the {s.owner} would be."
 
 
 def rival_lines(d: Conclusion) -> Iterator[str]:
@@ -146,7 +169,14 @@ def verdict_lines(d: Discrepancy) -> Iterator[str]:
     """Say what was found, in sentences."""
     if d.source.seen.runs == 1:
         yield "One run does not tell what repeats: what is slow in it may be noise or an effect."
+    if d.fit_first:
+        yield (
+            "The present model lacks several terms of its own equation at once; fit these first: "
+            f"{', '.join(d.fit_first)}."
+        )
     yield d.where_text
+    for u in d.unlike:
+        yield u.sentence
     for e in d.effects:
         yield f"{e.name}: {e.sentence} Strength {number(e.strength_d, 3)}, p {number(e.p_value, 2)}"
     yield from rival_lines(d)

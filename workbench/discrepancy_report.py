@@ -6,7 +6,7 @@ from thermo.discrepancy import Discrepancy
 from thermo.recording import RecordedRuns
 from thermo.smallest import smallest_nameable
 from workbench.console import number
-from workbench.discrepancy_output import VERDICT_WORDS, verdict_lines
+from workbench.discrepancy_output import VERDICT_WORDS, shared_lines, verdict_lines
 from workbench.discrepancy_page import VerdictPage, render_verdicts
 from workbench.figures_discrepancy import draw_factor, draw_gap
 from workbench.fit_output import value_and_sigma
@@ -39,7 +39,7 @@ def _page(d: Discrepancy) -> VerdictPage:
     return VerdictPage(
         name=d.serial,
         verdict=VERDICT_WORDS[d.verdict],
-        lines=tuple(verdict_lines(d)),
+        lines=(*verdict_lines(d), *shared_lines([d])),
         effects=tuple(
             (e.name, name, value_and_sigma(p.value, p.sigma), p.unit)
             for e in d.effects
@@ -67,7 +67,7 @@ def _rivals(d: Discrepancy) -> Iterator[tuple[str, str, str, str]]:
             judged = "cannot be told from the one named"
         elif name in d.invisible:
             judged = "cannot be seen in these runs"
-        elif d.source.holds(effect):
+        elif d.source.holds_some(effect):
             judged = "in the present model"
         else:
             judged = "excluded" if d.effects else "not called for"

@@ -150,6 +150,9 @@ class SearchResult:
         Twice the log-likelihood of the events chosen, less that of a smooth wander in their place.
     first : tuple of Found
         Every candidate on the residual of the present model.
+    started : tuple of str
+        Of the effects found, those that the search began with: terms of the present model's own
+        equation, which it lacked at once.
     """
 
     slots: tuple[Slot, ...]
@@ -157,3 +160,4 @@ class SearchResult:
     explained: float
     over_wander: float = float("inf")
     first: tuple[Found, ...] = field(default=())
+    started: tuple[str, ...] = ()

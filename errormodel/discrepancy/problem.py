@@ -54,7 +54,8 @@ class Candidate:
     one of the grid where the output does not change smoothly (neither: the grid is all there is).
     An event's size inflates the noise it is judged by, so the noise is estimated anew once it is
     in the model. `richer` is a more supple member of the same family of shapes, tried before any
-    second effect is named.
+    second effect is named. `joint` marks what belongs to the present model's own equation: all
+    such are offered together before causes are looked for beside them.
     """
 
     name: str
@@ -64,6 +65,7 @@ class Candidate:
     finer: Callable[[Theta], tuple[Theta, ...]] | None = None
     event: bool = False
     richer: "Candidate | None" = None
+    joint: bool = False
     grid_signatures: tuple[Signature, ...] = field(init=False, default=())
 
     def prepared(self) -> tuple[Signature, ...]:

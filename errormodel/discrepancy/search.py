@@ -37,10 +37,12 @@ class Search:
         laws: Calibration,
         rules: Rules | None = None,
         again: Recalibrate | None = None,
+        start: Sequence[Choice] = (),
     ) -> None:
         self.source, self.floor, self.laws = source, floor, laws
         self.rules = rules or Rules()
         self._again = again
+        self.start = tuple(start)  # effects that the search begins with
         self._entered: dict[str, float] = {}
         self._instead: dict[str, tuple[str, ...]] = {}  # two effects that explain more than one
         self._shapes: tuple[NoiseShape, ...] = laws.shapes
@@ -55,7 +57,7 @@ class Search:
         return tuple(self._added()[0])
 
     def _added(self) -> tuple[list[Choice], tuple[Found, ...]]:
-        chosen: list[Choice] = []
+        chosen: list[Choice] = list(self.start)
         first: tuple[Found, ...] = ()
         for _ in range(self.rules.most):
             view = self.view(chosen)
@@ -195,7 +197,7 @@ class Search:
         """Tell whether an effect is only the ill-known shape of those named before it."""
         if one.score < self.rules.further:
             return True
-        plain = self.view([])
+        plain = self.view(self.start)  # the shape of the equation's own terms is known
         signature = one.found.candidate.signature(one.found.theta)
         alone, beside = plain.strength(signature), view.strength(signature)
         imitated = 1.0 - (beside / alone) ** 2 if alone > 0 else 1.0

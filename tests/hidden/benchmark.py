@@ -44,9 +44,20 @@ class Kind:
     write: Callable[[Path, Path, Any, Sequence[int]], object]
     subject: Subject
     page: str
+    options: tuple[str, ...] = ()  # of the command
 
 
-CHAMBER = Kind(name="thermal", parts=PARTS, write=write_set, subject=THERMAL, page="hidden-effects")
+# what is hidden is what lacks beside bias and scale factor alone: K2 and orders as well
+BARE = ("--model", "bare")
+
+CHAMBER = Kind(
+    name="thermal",
+    parts=PARTS,
+    write=write_set,
+    subject=THERMAL,
+    page="hidden-effects",
+    options=BARE,
+)
 RIGS = Kind(
     name="rig", parts=RIG_PARTS, write=write_rig_set, subject=RIG, page="hidden-rig-effects"
 )
@@ -82,7 +93,8 @@ class Bench:
     def ask(self, number: int) -> None:
         """Let the workflow answer; what it may read is the one folder."""
         self.answer(number).parent.mkdir(parents=True, exist_ok=True)
-        answer = ask_workflow(self.folder(number), self.program, kind=self.kind.name)
+        kind = self.kind
+        answer = ask_workflow(self.folder(number), self.program, *kind.options, kind=kind.name)
         unfinished = self.answer(number).with_suffix(".part")
         unfinished.write_text(json.dumps(answer), encoding="utf-8")
         unfinished.rename(self.answer(number))

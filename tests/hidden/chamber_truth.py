@@ -110,10 +110,10 @@ def _write(
     days_later: int = 0,
 ) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
-    table = _table(night, reading_ma, rng)
+    table = data_table(night, reading_ma, rng)
     table["run"] = run_prefix + table["run"].astype(str)
     table.to_csv(path, index=False)
-    text = _sidecar(night, run_prefix, FIRST_START + timedelta(days=days_later))
+    text = sidecar_text(night, run_prefix, FIRST_START + timedelta(days=days_later))
     path.with_suffix(".toml").write_text(text, encoding="utf-8")
 
 
@@ -158,7 +158,8 @@ def head_error(night: Night, rng: np.random.Generator) -> Floats:
     return (same + moved) / 3600 + away
 
 
-def _table(night: Night, reading_ma: Floats, rng: np.random.Generator) -> pd.DataFrame:
+def data_table(night: Night, reading_ma: Floats, rng: np.random.Generator) -> pd.DataFrame:
+    """Return the readings as they are recorded: quantised, the thermistor with its noise."""
     read = night.case_c.mean(axis=1) + THERMISTOR_C * rng.standard_normal(night.run.size)
     columns: dict[str, Any] = {
         "run": night.run + 1,
@@ -176,7 +177,8 @@ def _table(night: Night, reading_ma: Floats, rng: np.random.Generator) -> pd.Dat
     return pd.DataFrame(columns)
 
 
-def _sidecar(night: Night, run_prefix: str, first: datetime) -> str:
+def sidecar_text(night: Night, run_prefix: str = "", first: datetime = FIRST_START) -> str:
+    """Return the sidecar of a campaign."""
     lines = [
         'output_unit = "mA"',
         f"gravity_m_s2 = {GRAVITY_M_S2}",

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from tests.hidden.answering import ask_workflow
+from tests.hidden.benchmark import BARE
 from tests.hidden.chamber_physics import Corners, Protocol
 from tests.hidden.chamber_truth import write_more
 from tests.hidden.scoring import Scored, score
@@ -88,13 +89,13 @@ def follow(work: Path, number: int, program: Path) -> Settled:
     key = json.loads((work / "keys" / f"{name}.json").read_text(encoding="utf-8"))
     sequence.parent.mkdir(parents=True, exist_ok=True)
     sequence.unlink(missing_ok=True)  # of an earlier time: the command writes over nothing
-    first = ask_workflow(folder, program, "--experiment-out", str(sequence))
+    first = ask_workflow(folder, program, *BARE, "--experiment-out", str(sequence))
     before = score(name, key, first)
     if before.outcome == "named" or not sequence.exists():  # settled, or nothing proposed
         return Settled(before=before, after=None, d=0.0)
     protocol = protocol_of(sequence.read_text(encoding="utf-8"))
     d = write_more(folder / "next.csv", key, protocol, [*key["seed"], 1])
-    answer = ask_workflow(folder, program, files=("run.csv", "next.csv"))
+    answer = ask_workflow(folder, program, *BARE, files=("run.csv", "next.csv"))
     hidden = {n: {**v, "d": d[n]} for n, v in key["hidden"].items()}
     after = score(name, {**key, "group": "single", "hidden": hidden}, answer)
     return Settled(before=before, after=after, d=min(d.values()))

@@ -1,6 +1,7 @@
 """Effects hidden in simulated chamber runs: named, told as alias sets, or left alone."""
 
 from collections.abc import Mapping
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -20,8 +21,14 @@ SINGLE = {
 }
 
 
-def found(seed: int, hidden: Mapping[str, float] | None = None, **kw: object) -> Discrepancy:
-    (one,) = find_discrepancy(hidden_runs(seed, hidden, **kw), draws=120)  # type: ignore[arg-type]
+def found(
+    seed: int,
+    hidden: Mapping[str, float] | None = None,
+    model: Literal["bare"] | None = None,
+    **kw: object,
+) -> Discrepancy:
+    runs = hidden_runs(seed, hidden, **kw)  # type: ignore[arg-type]
+    (one,) = find_discrepancy(runs, model=model, draws=120)
     return one
 
 
@@ -45,7 +52,7 @@ def test_a_hidden_effect_is_named_with_its_size(name: str) -> None:
 
 
 def test_nothing_is_named_where_nothing_is_missing() -> None:
-    d = found(2)
+    d = found(2, model="bare")
     assert (d.verdict, d.effects, d.where) == ("nothing", (), None)
     assert d.invisible == ("third_order",)  # at 0°, ±90° and 180° it is scale factor
     assert d.experiment is not None
@@ -58,7 +65,7 @@ def test_nothing_is_named_where_nothing_is_missing() -> None:
 def test_the_squared_term_and_a_readout_with_two_gains_are_one_alias_set_at_four_positions() -> (
     None
 ):
-    d = found(3, {"k2": 5.0})
+    d = found(3, {"k2": 5.0}, "bare")
     assert d.verdict == "alias"
     assert d.alias_sets == (("second_order", "output_nonlinearity"),)
     assert d.experiment is not None
@@ -69,7 +76,7 @@ def test_the_squared_term_and_a_readout_with_two_gains_are_one_alias_set_at_four
 
 def test_a_misalignment_and_a_heads_harmonics_are_one_alias_set_at_eight_positions() -> None:
     """At multiples of 45° a head's second to fourth harmonics make cos θ: no size tells them."""
-    d = found(1, {"cross": 4.0}, every_45=True)
+    d = found(1, {"cross": 4.0}, "bare", every_45=True)
     assert d.alias_sets == (("cross_axis", "indexer_harmonic"),)
     value = d.effects[0].parameters["delta_o"]
     assert abs(value.value - 4.0) < 4.0 * value.sigma
@@ -89,7 +96,7 @@ def test_a_step_is_found_and_not_predicted() -> None:
 @pytest.mark.slow
 def test_offsets_between_runs_and_a_misalignment_at_four_positions() -> None:
     assert "turn_on_offset" in names(found(4, {"offset": 25.0}))
-    assert set(found(1, {"cross": 4.0}).alias_sets[0]) == {"cross_axis", "indexer_harmonic"}
+    assert set(found(1, {"cross": 4.0}, "bare").alias_sets[0]) == {"cross_axis", "indexer_harmonic"}
 
 
 def test_a_wave_over_temperature_has_no_name_but_a_place() -> None:
@@ -109,10 +116,10 @@ def test_a_short_lag_without_scale_tempco_is_told_as_an_alias_of_the_rate_bias()
 
 @pytest.mark.slow
 def test_smallest_nameable_is_the_size_of_strength_seven() -> None:
-    smallest = smallest_nameable(found(7))
+    smallest = smallest_nameable(found(7, model="bare"))
     assert "third_order" not in smallest
     size = smallest["temperature_rate_bias"].value
-    d = found(7, {"rate": 2.0 * size})
+    d = found(7, {"rate": 2.0 * size}, "bare")
     assert "temperature_rate_bias" in names(d)
     # twice the size of strength seven; an estimate of strength has a sigma of one
     assert abs(d.effects[0].strength_d - 14.0) < 4.0

@@ -7,7 +7,8 @@ from errormodel.discrepancy.choices import Choice
 from errormodel.discrepancy.coloured import NoiseShape
 from errormodel.discrepancy.floor import NoiseFloor
 from tests.thermo.discrepancy_examples import carried_out, hidden_runs
-from thermo.discrepancy import default_baseline, find_discrepancy
+from thermo.discrepancy import find_discrepancy
+from thermo.discrepancy_baseline import bare_baseline
 from thermo.discrepancy_source import ThermalSource
 from thermo.experiments import Experiment, propose_separation
 from thermo.inputs import channel_of
@@ -19,7 +20,7 @@ WHITE = NoiseFloor(shape=NoiseShape(), sigma=5.0 / 6**0.5, support=((1.0, NoiseS
 
 def proposed(runs: object, name: str, rivals: list[str]) -> Experiment:
     channel = channel_of(runs, "A")  # type: ignore[arg-type]
-    source = ThermalSource(channel, default_baseline(channel))
+    source = ThermalSource(channel, bare_baseline(channel))
     return propose_separation(source, WHITE, Choice(name, ()), rivals)
 
 
@@ -35,7 +36,7 @@ def test_a_turned_mounting_tells_third_order_from_the_heads_harmonic(hidden) -> 
     assert made.sequence.accelerometers[0].mount_deg in (45.0, 90.0)
     more = carried_out(3, made.sequence, hidden)
     channel = channel_of(join_runs([runs, more]), "A")
-    source = ThermalSource(channel, mounted(default_baseline(channel), channel))
+    source = ThermalSource(channel, mounted(bare_baseline(channel), channel))
     chi2 = {
         name: float(np.sum(source.fitted([Choice(name, ())], NoiseShape()).residual ** 2))
         for name in ("third_order", "indexer_harmonic")
@@ -50,12 +51,12 @@ def test_a_turned_mounting_tells_third_order_from_the_heads_harmonic(hidden) -> 
 @pytest.mark.parametrize("seed", range(11, 15))
 def test_what_four_positions_cannot_show_is_named_after_the_experiment_proposed(seed: int) -> None:
     runs = hidden_runs(seed, {"k3": 20.0}, rates=(2.0, 2.0))
-    (before,) = find_discrepancy(runs)
+    (before,) = find_discrepancy(runs, model="bare")
     assert (before.verdict, "third_order" in before.invisible) == ("nothing", True)
     assert before.experiment is not None
     assert before.experiment.sequence is not None
     more = carried_out(seed, before.experiment.sequence, {"k3": 20.0})
-    (after,) = find_discrepancy(join_runs([runs, more]))
+    (after,) = find_discrepancy(join_runs([runs, more]), model="bare")
     assert [(after.verdict, e.name) for e in after.effects] == [("named", "third_order")]
     # a run's mounting is known from the other runs of it: forgotten, it would leave 70 µg
     assert after.heldout is not None
@@ -69,12 +70,12 @@ def test_what_four_positions_cannot_show_is_named_after_the_experiment_proposed(
 )
 def test_an_alias_set_becomes_a_name_after_the_experiment_proposed(seed, hidden, name) -> None:
     runs = hidden_runs(seed, hidden, rates=(2.0, 2.0), every_45=True)
-    (before,) = find_discrepancy(runs)
+    (before,) = find_discrepancy(runs, model="bare")
     assert {"third_order", "indexer_harmonic"} <= set(*before.alias_sets)
     assert before.experiment is not None
     assert before.experiment.sequence is not None
     more = carried_out(seed, before.experiment.sequence, hidden)
-    (after,) = find_discrepancy(join_runs([runs, more]))
+    (after,) = find_discrepancy(join_runs([runs, more]), model="bare")
     assert [(after.verdict, e.name) for e in after.effects] == [("named", name)]
 
 
@@ -83,7 +84,7 @@ def test_an_experiment_is_proposed_for_runs_of_two_mountings_too() -> None:
     made = proposed(runs, "third_order", ["indexer_harmonic"])
     assert made.sequence is not None
     channel = channel_of(join_runs([runs, carried_out(3, made.sequence, {"k3": 20.0})]), "A")
-    model = mounted(default_baseline(channel), channel)
+    model = mounted(bare_baseline(channel), channel)
     assert mounted(model, channel).names == model.names
     again = propose_separation(
         ThermalSource(channel, model), WHITE, Choice("third_order", ()), ["indexer_harmonic"]

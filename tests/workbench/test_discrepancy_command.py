@@ -49,7 +49,7 @@ def test_one_document_and_files_that_others_take(
     assert document["where"]["factor"] == "direction"
     assert document["heldout"]["after_ug"] < document["heldout"]["before_ug"]
     assert [r["run"] for r in document["heldout"]["runs"]] == ["1", "2", "3", "4"]
-    assert set(document["smallest_nameable"]["second_order"]) == {"value", "unit"}
+    assert set(document["smallest_nameable"]["temperature_rate_bias"]) == {"value", "unit"}
     assert {p.name for p in report.iterdir()} == {"report.html", "residual_A.png", "gap_A.png"}
     assert load_sequence(sequence).positions.order == "random"
     fitted = tmp_path / "fitted.json"

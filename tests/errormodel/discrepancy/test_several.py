@@ -1,0 +1,105 @@
+"""Terms of the equation that are missing at once, and one cause that imitates all of them."""
+
+import numpy as np
+import pytest
+
+from errormodel.arrays import FloatArray
+from errormodel.discrepancy.choices import LinearSource, Rules
+from errormodel.discrepancy.coloured import NoiseShape
+from errormodel.discrepancy.floor import NoiseFloor
+from errormodel.discrepancy.nulls import Calibration, calibrate
+from errormodel.discrepancy.problem import Candidate, Problem, Signature
+from errormodel.discrepancy.scan import View
+from errormodel.discrepancy.search import Search
+from errormodel.discrepancy.several import joint_block, search_all
+from tests.errormodel.discrepancy.examples import time_base, waves
+
+BASE = time_base()
+FLOOR = NoiseFloor(shape=NoiseShape(), sigma=1.0, support=((1.0, NoiseShape()),))
+TERMS = {name: waves(BASE, cycles) for name, cycles in (("a", 3.0), ("b", 5.0), ("c", 7.0))}
+# each of its columns is nine tenths a term: together 92 % of what the three terms explain
+CAUSE = np.column_stack(
+    [column + 0.3 * waves(BASE, 11.0 + k) for k, column in enumerate(TERMS.values())]
+)
+ONE = Rules(most=1)
+
+
+def problem(residual: FloatArray) -> Problem:
+    ones = np.ones((len(BASE), 1))
+    columns = {**{name: c[:, None] for name, c in TERMS.items()}, "cause": CAUSE}
+    candidates = tuple(
+        Candidate(
+            name=name,
+            signature=lambda theta, c=c: Signature(columns=c),
+            joint=name in TERMS,
+        )
+        for name, c in columns.items()
+    )
+    return Problem(
+        times=BASE,
+        residual=residual,
+        base=ones,
+        candidates=candidates,
+        saturated=np.hstack([ones, *columns.values()]),
+        noise=NoiseShape(),
+        sigma=1.0,
+    )
+
+
+@pytest.fixture(scope="module")
+def laws() -> Calibration:
+    return calibrate(problem(np.zeros(len(BASE))), FLOOR, draws=400, rng=np.random.default_rng(5))
+
+
+def residual(seed: int, **sizes: float) -> FloatArray:
+    every = {**TERMS, "cause": CAUSE.sum(axis=1)}
+    noise = np.random.default_rng(seed).standard_normal(len(BASE))
+    return noise + sum(size * every[name] for name, size in sizes.items())
+
+
+def test_three_terms_missing_at_once_are_named_and_not_the_cause_that_imitates_them(laws) -> None:
+    for seed in range(5):
+        source = LinearSource(start=problem(residual(seed, a=3.0, b=-2.0, c=2.5)))
+        alone = Search(source, FLOOR, laws, ONE).run()
+        assert [s.choice.name for s in alone.slots] == ["cause"]
+        search, found = search_all(source, FLOOR, laws, ONE)
+        assert {s.choice.name for s in found.slots} == {"a", "b", "c"}
+        assert all(len(s.alias) == 1 for s in found.slots)
+        assert set(found.started) == {c.name for c in search.start} == {"a", "b", "c"}
+
+
+def test_the_cause_keeps_its_name_where_it_is_the_cause(laws) -> None:
+    for seed in range(5):
+        source = LinearSource(start=problem(residual(seed, cause=2.0)))
+        _, found = search_all(source, FLOOR, laws, ONE)
+        assert [s.alias for s in found.slots] == [("cause",)]
+        assert found.started == ()
+
+
+def test_where_the_two_explain_alike_no_name_is_bare(laws) -> None:
+    """Without a part of its own the cause explains what the terms do, and costs two names less."""
+    same = np.column_stack(list(TERMS.values()))
+    start = problem(residual(1, a=3.0, b=-2.0, c=2.5))
+    candidates = tuple(
+        Candidate(name="cause", signature=lambda theta: Signature(columns=same))
+        if c.name == "cause"
+        else c
+        for c in start.candidates
+    )
+    made = Problem(
+        times=start.times,
+        residual=start.residual,
+        base=start.base,
+        candidates=candidates,
+        saturated=start.saturated,
+        noise=start.noise,
+        sigma=start.sigma,
+    )
+    _, found = search_all(LinearSource(start=made), FLOOR, laws, Rules(most=1, alias=25.0))
+    assert set(found.slots[0].alias) == {"cause", "a", "b", "c"}
+
+
+def test_the_block_holds_what_the_data_call_for_and_no_more() -> None:
+    view = View(problem(residual(3, a=3.0, c=2.0)), NoiseShape(), 1.0)
+    assert [c.name for c in joint_block(view, Rules().further)] == ["a", "c"]
+    assert joint_block(View(problem(residual(4)), NoiseShape(), 1.0), Rules().further) == ()
