@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import TypeVar
 
 from drivers.clock import Clock
-from drivers.errors import FencedError, InstrumentError, LimitError
+from drivers.errors import FencedError, InstrumentError, LimitError, RecognitionError
 from drivers.opening import Station
 from thermo.plan import Plan
 from thermo.station_journal import Journal
@@ -86,7 +86,8 @@ class Session:
         InstrumentLostError
             When it has failed too often.
         LimitTrippedError
-            When the driver refuses what is asked: asking again would not help.
+            When the driver refuses what is asked, or no longer recognises the instrument because
+            somebody changed its settings: asking again would not help.
         FencedError
             When somebody else has taken the instrument over.
         """
@@ -100,6 +101,8 @@ class Session:
             value = call()
         except LimitError as err:
             raise LimitTrippedError(f"{name} refused: {err}") from err
+        except RecognitionError as err:
+            raise LimitTrippedError(str(err)) from err
         except FencedError:
             raise
         except InstrumentError as err:

@@ -234,8 +234,12 @@ class Chamber:
             self.free, self.steps = self.free + 1, []
         elif action == 5:
             step = self.steps[at]
-            rate = struct.unpack(">h", struct.pack(">H", step[4043]))[0] / 10
             target = struct.unpack(">h", struct.pack(">H", step[4044]))[0] / 10**self.decimals
+            if step[4003] == 1:
+                minutes = 60 * step[4009] + step[4010] + step[4011] / 60
+                rate = abs(self.meant(target) - self.plant.air_c) / max(minutes, 1e-6)
+            else:
+                rate = step[4043] / 10
             self.state = 2
             self.plant.step()
             self.plant.work_c = self.plant.air_c
