@@ -7,6 +7,7 @@ value that is served goes to a log, a JSON document a line, with the machine's m
     fault_bench.py FOLDER SPEED MODEL SERIAL,SERIAL…
 """
 
+import contextlib
 import json
 import math
 import os
@@ -100,6 +101,8 @@ class Chamber:
             elif what == "profile":
                 self.profile, self.state = 149, 2
                 self.plant.target_c = float(rest[0])
+            elif what == "profile_ended":
+                self.profile, self.state = 61, 1
             elif what == "freeze":
                 self.plant.step()
                 self.frozen_c = self.plant.air_c
@@ -252,10 +255,8 @@ class Chamber:
             self._listener.close()
             self._listener = None
         for connection in self._open:
-            try:
+            with contextlib.suppress(OSError):
                 connection.shutdown(socket.SHUT_RDWR)
-            except OSError:
-                pass
         self._open.clear()
 
     def revive(self) -> None:
@@ -363,19 +364,31 @@ class Line:
         tty.setraw(self.slave)
         self.path = os.ttyname(self.slave)
         self.silent = 0
+        self.gone = False
         threading.Thread(target=self.serve, daemon=True).start()
+
+    def unplug(self) -> None:
+        """Take the port away, as when its cable is pulled."""
+        self.gone = True
+        os.close(self.slave)
+        os.close(self.master)
 
     def serve(self) -> None:
         pending = b""
         while True:
-            select.select([self.master], [], [])
-            pending += os.read(self.master, 4096)
+            try:
+                select.select([self.master], [], [], 0.2)
+                if not select.select([self.master], [], [], 0)[0]:
+                    continue
+                pending += os.read(self.master, 4096)
+            except (OSError, ValueError):
+                return
             while match := re.search(rb"[\r\n]+", pending):
                 line, pending = pending[: match.start()].decode(), pending[match.end() :]
                 for answer in self.answers(line.strip()):
                     if self.silent > 0:
                         self.silent -= 1
-                    else:
+                    elif not self.gone:
                         os.write(self.master, answer.encode() + b"\r\n")
 
     def answers(self, line: str) -> list[str]:
@@ -394,7 +407,9 @@ class Digitiser(Line):
 
     def panel(self, words: list[str]) -> None:
         what, *rest = words
-        if what == "silent":
+        if what == "unplug":
+            self.unplug()
+        elif what == "silent":
             self.silent = int(rest[0])
         elif what == "lose":
             self.lost.add(int(rest[0]))
@@ -476,6 +491,8 @@ class Head(Line):
     def panel(self, words: list[str]) -> None:
         if words[0] == "stick":
             self.stuck = True
+        elif words[0] == "unplug":
+            self.unplug()
         elif words[0] == "silent":
             self.silent = int(words[1])
 

@@ -3,7 +3,8 @@
     python -m tests.thermo.station.fault_campaign --count 300 --seed 1
 
 The instruments are foreign ones in another process (`fault_bench.py`), the program is `accelbench`
-itself; the kinds are in `fault_kinds.py`. A table on standard output; exit code 1 if anything failed.
+itself; the kinds are in `fault_kinds.py`. A table goes to standard output; the exit code is 1 if
+anything failed.
 """
 
 import argparse
@@ -19,7 +20,7 @@ import traceback
 from pathlib import Path
 
 from tests.thermo.station.fault_case import Case, judge_readings
-from tests.thermo.station.fault_kinds import KINDS, PATIENCE_S
+from tests.thermo.station.fault_kinds import KINDS
 
 
 def run_one(name: str, seed: int, folder: Path) -> dict:
@@ -71,7 +72,7 @@ def _judge(case: Case, function, found: dict) -> None:
         problems.append(f"accelbench runs: exit code {listed}: {text[-300:]}")
     _judge_store(case, result, found)
     if result.says:
-        said = (case.process.text() + case.events() if not result.where else case.process.text())
+        said = case.process.text() + case.events() if not result.where else case.process.text()
         if result.says.lower() not in said.lower():
             problems.append(f"nowhere said: {result.says}")
     if result.resumable and case.acks() and case.rng.random() < 0.4:
@@ -86,7 +87,11 @@ def _judge(case: Case, function, found: dict) -> None:
 
 
 def _judge_store(case: Case, result, found: dict) -> None:
-    rows = [r for path in result.where or [case.store] for r in case.stored(path)]
+    rows = [
+        r
+        for path in result.where or [case.store]
+        for r in case.rows("select * from readings", path)
+    ]
     found["acks"] = len(case.acks())
     for what, number in zip(("lost", "double", "wrong"), judge_readings(case, rows), strict=True):
         found[what] = number

@@ -10,7 +10,11 @@ import sqlite3
 import subprocess
 import sys
 import time
+from contextlib import closing, suppress
 from pathlib import Path
+
+import psycopg
+import psycopg.rows
 
 import thermo.station_shell
 import workbench.commands_run
@@ -18,7 +22,7 @@ from workbench.cli import main as accelbench
 
 HERE = Path(__file__).parent
 SPEED = 60.0
-SILENCE_S = 4.0  # how long a controller may be silent here, real s
+SILENCE_S = 4.0  # of controllers that are stopped; else it follows from the station file, real s
 SAFE_C = 25.0
 SERIALS = ("QA-001", "QA-002")
 SLOTS = 16
@@ -111,7 +115,8 @@ def tell(path: Path) -> None:
     inner = thermo.station_shell.run_on_station
 
     def told(*args, observers=(), **more):
-        more = {"silence_s": SILENCE_S} | more
+        if "FAULTS_SILENCE_S" in os.environ:
+            more["silence_s"] = float(os.environ["FAULTS_SILENCE_S"])
         return inner(*args, observers=[*observers, Teller(path)], **more)
 
     workbench.commands_run.run_on_station = told
@@ -163,10 +168,8 @@ class Process:
         except SystemExit as end:
             code = end.code if isinstance(end.code, int) else int(end.code is not None)
         for stream in (sys.stdout, sys.stderr):
-            try:
+            with suppress(OSError, ValueError, AttributeError):
                 stream.flush()
-            except (OSError, ValueError, AttributeError):
-                pass
         os._exit(code)
 
     def kill(self, number: int) -> None:
@@ -290,25 +293,21 @@ class Case:
         writes = self.log("write")
         return writes[-1]["t"] if writes else self.fault_s
 
-    def stored(self, path: str | Path) -> list[dict]:
-        with sqlite3.connect(f"file:{path}?mode=ro", uri=True) as store:
-            store.row_factory = sqlite3.Row
-            rows = [dict(r) for r in store.execute("select * from readings")]
-        store.close()
-        return rows
+    def rows(self, query: str, store: str | Path = "") -> list[dict]:
+        """Return what a query finds in the store, or in a copy of it."""
+        where = str(store or self.store)
+        if where.startswith("postgresql:"):
+            with psycopg.connect(where, row_factory=psycopg.rows.dict_row) as server:
+                return server.execute(query).fetchall()
+        with closing(sqlite3.connect(f"file:{where}?mode=ro", uri=True)) as file:
+            file.row_factory = sqlite3.Row
+            return [dict(r) for r in file.execute(query)]
 
     def tests(self) -> list[dict]:
-        with sqlite3.connect(f"file:{self.store}?mode=ro", uri=True) as store:
-            store.row_factory = sqlite3.Row
-            rows = [dict(r) for r in store.execute("select * from tests order by id")]
-        store.close()
-        return rows
+        return self.rows("select * from tests order by id")
 
     def events(self) -> str:
-        with sqlite3.connect(f"file:{self.store}?mode=ro", uri=True) as store:
-            rows = store.execute("select kind, text from events").fetchall()
-        store.close()
-        return "\n".join(f"{k}: {t}" for k, t in rows)
+        return "\n".join(f"{r['kind']}: {r['text']}" for r in self.rows("select * from events"))
 
     def close(self) -> list[str]:
         """End everything; return what should have been gone by itself."""
@@ -350,9 +349,7 @@ def judge_readings(case: Case, rows: list[dict]) -> tuple[int, int, int]:
     """Return how many acknowledged readings are lost, stored twice, and wrong."""
     held = {(r["run"], r["slot"], r["attempt"], r["serial"]): r for r in rows}
     acks = case.acks()
-    lost = sum(
-        (key := tuple(a[:4])) not in held or held[key]["output"] != a[4] for a in acks
-    )
+    lost = sum((key := tuple(a[:4])) not in held or held[key]["output"] != a[4] for a in acks)
     double = len(rows) - len(held)
     served: dict[tuple[int, float], list[dict]] = {}
     for scan in case.log("scan"):

@@ -1,5 +1,7 @@
 """The kinds of faults of the campaign: how each is brought about, and what has to come of it."""
 
+import contextlib
+import math
 import os
 import shutil
 import signal
@@ -10,7 +12,10 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from tests.thermo.station.fault_case import SILENCE_S, Case
+from tests.thermo.station import fault_postgresql as postgresql
+from tests.thermo.station.fault_case import SILENCE_S, Case, Process
+from thermo.heartbeat import silence_limit_s
+from thermo.station_shell import load_station
 
 PATIENCE_S = 25.0  # a loaded machine is slow; nothing here may take that long
 
@@ -114,7 +119,7 @@ def sigkill_at_start(case: Case) -> Result:
 
 @kind(12)
 def sigstop(case: Case) -> Result:
-    begin(case)
+    begin(case, FAULTS_SILENCE_S=str(SILENCE_S))
     case.process.kill(signal.SIGSTOP)
     mine = {c["peer"] for c in case.log("connect")}
     early = case.rng.random() < 0.4  # it wakes while the guardian is at work
@@ -134,9 +139,22 @@ def sigstop(case: Case) -> Result:
     return result
 
 
+@kind(2)
+def sigstop_for_long(case: Case) -> Result:
+    """Stopped, and left so, with the limit that follows from the station file."""
+    begin(case)
+    case.process.kill(signal.SIGSTOP)
+    limit_s = silence_limit_s(load_station(case.folder / "station.toml"))
+    safe_s = case.wait_safe(limit_s + PATIENCE_S)
+    early = safe_s < limit_s - 1.0
+    case.process.kill(signal.SIGKILL)
+    late = not safe_s < limit_s + 5.0
+    return Result((-9,), 60, problems=[f"safe after {safe_s} s"] if early or late else [])
+
+
 @kind(4)
 def sigstop_short(case: Case) -> Result:
-    begin(case)
+    begin(case, FAULTS_SILENCE_S=str(SILENCE_S))
     case.process.kill(signal.SIGSTOP)
     time.sleep(SILENCE_S / 4)
     case.process.kill(signal.SIGCONT)
@@ -156,9 +174,7 @@ def guardian_killed_then_controller(case: Case) -> Result:
     first = case.guardian()
     os.kill(first, signal.SIGKILL)
     give_up = time.monotonic() + 10
-    while time.monotonic() < give_up and (
-        not (now := case.process.children()) or now[-1] == first
-    ):
+    while time.monotonic() < give_up and (not (now := case.process.children()) or now[-1] == first):
         time.sleep(0.02)
     time.sleep(0.3)
     case.strike()
@@ -172,10 +188,8 @@ def guardian_stopped(case: Case) -> Result:
     pid = case.guardian()
     os.kill(pid, signal.SIGSTOP)
     end(case)
-    try:
+    with contextlib.suppress(ProcessLookupError):
         os.kill(pid, signal.SIGCONT)
-    except ProcessLookupError:
-        pass
     return Result((0, 1))
 
 
@@ -243,6 +257,53 @@ def make_safe_beside(case: Case) -> Result:
         if code != 0:
             result.problems.append(f"make-safe --force: exit code {code}: {text[-300:]}")
         result.codes = (1, 0)
+    return result
+
+
+@kind(4)
+def start_race(case: Case) -> Result:
+    """Two controllers begin at once: one has the chamber, the other writes nothing."""
+    first = case.start()
+    second = Process(
+        case.folder,
+        ["run", "sequence.toml", "--station", "station.toml", "--store", "second.sqlite"],
+        XDG_STATE_HOME=str(case.folder / "other"),
+    )
+    codes = sorted((first.wait(60), second.wait(60)), key=str)
+    case.strike()
+    result = Result((0, 2))
+    if codes != [0, 2]:
+        result.problems.append(f"exit codes {codes}: {second.text()[-300:]}")
+    if len({w["peer"] for w in case.log("write")}) != 1:
+        result.problems.append("both commanded the chamber")
+    if first.code == 2:
+        case.store = str(case.folder / "second.sqlite")
+        case.process = second
+    return result
+
+
+@kind(4)
+def resume_occupied(case: Case) -> Result:
+    """Somebody uses the chamber when the test is to be resumed: nothing is written to it."""
+    begin(case, high=5)
+    case.process.kill(case.rng.choice((signal.SIGTERM, signal.SIGKILL)))
+    end(case)
+    safe_s = case.wait_safe(PATIENCE_S)
+    result = Result((1, -9), within_s=math.inf)
+    if not safe_s < PATIENCE_S:
+        result.problems.append("not safe")
+    time.sleep(1.0)  # for a guardian to go
+    case.panel("chamber", *case.rng.choice((("profile", 50), ("off",))))
+    writes = len(case.log("write"))
+    code, text = case.command(
+        "run", "--resume", case.tests()[-1]["id"], "--store", case.store, acks=case.folder / "acks"
+    )
+    if code != 2:
+        result.problems.append(f"resumed on an occupied chamber: exit code {code}: {text[-300:]}")
+    if len(case.log("write")) != writes:
+        result.problems.append("an occupied chamber was written to")
+    if case.panel("state")["profile"] == 149:
+        case.panel("chamber", "profile_ended")
     return result
 
 
@@ -509,6 +570,20 @@ def head_silent(case: Case) -> Result:
     return Result((0, 1))
 
 
+@kind(3)
+def head_unplugged(case: Case) -> Result:
+    begin(case)
+    case.panel("head", "unplug")
+    return Result((1, 0))
+
+
+@kind(3)
+def digitiser_unplugged(case: Case) -> Result:
+    begin(case)
+    case.panel("digitiser", "unplug")
+    return Result((1,))
+
+
 # ---- the store
 
 
@@ -574,26 +649,83 @@ def store_replaced(case: Case) -> Result:
     return Result((0, 1), says="spool", where=_copies(case))
 
 
-@kind(5)
-def disk_full(case: Case) -> Result:
+def _disk(case: Case) -> Path:
     disk = case.folder / "disk"
     disk.mkdir()
     subprocess.run(["mount", "-t", "tmpfs", "-o", "size=2m", "none", str(disk)], check=True)
+    return disk
+
+
+@kind(5)
+def disk_full(case: Case) -> Result:
+    disk = _disk(case)
     case.store = str(disk / "night.sqlite")
     begin(case, high=8)
-    ballast = disk / "ballast"
-    with ballast.open("wb", buffering=0) as file:
-        try:
-            while True:
-                file.write(bytes(4096))
-        except OSError:
-            pass
+    ballast = _fill(disk / "ballast")
     if case.rng.random() < 0.5:
         time.sleep(1.5)
         ballast.unlink()
         return Result((0,))
     end(case)
     ballast.unlink()
+    return Result((0, 1))
+
+
+def _fill(path: Path) -> Path:
+    with path.open("wb", buffering=0) as file:
+        try:
+            while True:
+                file.write(bytes(4096))
+        except OSError:
+            return path
+
+
+@kind(3)
+def disk_full_spool_too(case: Case) -> Result:
+    disk = _disk(case)
+    case.store = str(disk / "night.sqlite")
+    case.environment["XDG_STATE_HOME"] = str(disk / "state")
+    begin(case, high=8)
+    ballast = _fill(disk / "ballast")
+    end(case)
+    ballast.unlink()
+    return Result((0, 1))
+
+
+@kind(3)
+def out_disk_full(case: Case) -> Result:
+    disk = _disk(case)
+    begin(case, "--out", str(disk / "night.csv"))
+    ballast = _fill(disk / "ballast")
+    end(case)
+    ballast.unlink()
+    return Result((1,), says="accelbench export")
+
+
+@kind(8)
+def postgresql_stopped(case: Case) -> Result:
+    case.store = postgresql.new_database()
+    begin(case, high=8)
+    with postgresql.stopped():
+        time.sleep(case.rng.uniform(0.5, 8))
+        killed = case.rng.random() < 0.3
+        if killed:
+            case.strike()
+            case.process.kill(signal.SIGKILL)
+            end(case)
+            safe_s = case.wait_safe(PATIENCE_S)
+            return Result((-9,), problems=[] if safe_s < PATIENCE_S else ["not safe"])
+    return Result((0, 1))
+
+
+@kind(4)
+def postgresql_killed(case: Case) -> Result:
+    """The server dies and comes back from its own log."""
+    case.store = postgresql.new_database()
+    begin(case, high=8)
+    postgresql.crash()
+    time.sleep(case.rng.uniform(0.2, 2))
+    postgresql.start()
     return Result((0, 1))
 
 
@@ -709,7 +841,3 @@ def two_at_once(case: Case) -> Result:
         holder.rollback()
         holder.close()
     return Result((-9,) if second == "kill" else (1,), within_s=40)
-
-
-def spool_folder(case: Case) -> Path:
-    return case.folder / "state" / "accelbench" / "spool"
