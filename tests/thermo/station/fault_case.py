@@ -332,11 +332,13 @@ class Case:
 
 def _processes_naming(text: str) -> list[int]:
     """Return the processes whose folder, command or environment names the case."""
+    # a guardian stands in / and was given the environment
     found = []
     for entry in Path("/proc").iterdir():
         if entry.name.isdigit() and int(entry.name) != os.getpid():
             try:
-                told = (entry / "cmdline").read_bytes() + os.readlink(entry / "cwd").encode()
+                told = (entry / "cmdline").read_bytes() + (entry / "environ").read_bytes()
+                told += os.readlink(entry / "cwd").encode()
                 state = (entry / "stat").read_text().rsplit(")", 1)[1].split()[0]
             except OSError:
                 continue

@@ -267,6 +267,7 @@ def start_race(case: Case) -> Result:
     second = Process(
         case.folder,
         ["run", "sequence.toml", "--station", "station.toml", "--store", "second.sqlite"],
+        acks=case.folder / "acks",
         XDG_STATE_HOME=str(case.folder / "other"),
     )
     codes = sorted((first.wait(60), second.wait(60)), key=str)
