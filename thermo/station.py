@@ -10,7 +10,7 @@ from importlib import metadata
 
 from drivers.clock import Clock
 from drivers.devices import SafeResult
-from drivers.errors import InstrumentError
+from drivers.errors import InstrumentError, RecognitionError
 from drivers.opening import Station
 from errormodel.errors import StoreError
 from thermo.plan import Plan, make_plan
@@ -107,6 +107,8 @@ def run_test(
         When the test cannot be begun or resumed; nothing was commanded.
     ChamberOccupiedError
         When somebody else uses the chamber; nothing was commanded or stored.
+    RecognitionError
+        When the chamber's controller is not the station file's; nothing was commanded or stored.
     """
     if resume is not None:
         sequence = stored_sequence(store, resume, sequence)
@@ -174,6 +176,10 @@ class _Test:
         except ChamberOccupiedError as err:
             end.reason = one_line(err)
             raise
+        except RecognitionError as err:
+            end.reason = one_line(err)
+            if self._session is None:  # the station file is wrong, or the controller is another
+                raise
         except EndedError as err:
             end.status, end.reason = err.status, one_line(err)
         except (KeyboardInterrupt, SystemExit) as err:

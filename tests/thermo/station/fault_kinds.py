@@ -364,12 +364,13 @@ def panel_setpoint_f4(case: Case) -> Result:
     return _panel(case, "setpoint", case.rng.uniform(30, 60), low=12, high=13)
 
 
-def _refused(case: Case, *words: object, codes: tuple[int, ...] = (2,)) -> Result:
+def _refused(case: Case, *words: object) -> Result:
     case.panel("chamber", *words)
     case.strike()
     case.start()
     end(case)
-    return Result(codes, within_s=None)
+    stored = ["a store was left"] if Path(case.store).exists() else []
+    return Result((2,), within_s=None, problems=stored)
 
 
 @kind(3)
@@ -384,22 +385,22 @@ def start_off(case: Case) -> Result:
 
 @kind(3)
 def start_fahrenheit(case: Case) -> Result:
-    return _refused(case, "fahrenheit", codes=(1, 2))
+    return _refused(case, "fahrenheit")
 
 
 @kind(3)
 def start_words(case: Case) -> Result:
-    return _refused(case, "words", codes=(1, 2))
+    return _refused(case, "words")
 
 
 @kind(3, model="watlow_f4")
 def start_decimals(case: Case) -> Result:
-    return _refused(case, "decimals", case.rng.choice((0, 2)), codes=(1, 2))
+    return _refused(case, "decimals", case.rng.choice((0, 2)))
 
 
 @kind(2, model="watlow_f4")
 def start_fahrenheit_f4(case: Case) -> Result:
-    return _refused(case, "fahrenheit", codes=(1, 2))
+    return _refused(case, "fahrenheit")
 
 
 @kind(3)

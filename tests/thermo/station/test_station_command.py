@@ -87,6 +87,30 @@ def test_an_instrument_that_is_another_leaves_the_chamber_alone(short, station, 
     assert writes(world) == []
 
 
+@pytest.mark.parametrize("resumed", [False, True])
+def test_a_controller_that_is_not_recognised_is_refused_and_nothing_is_stored(
+    short, station, store, world, resumed
+):
+    test_id = None
+    if resumed:
+        control = RunControl()
+        abort_after(world, control, 12)
+        test_id = run_test(short, station, store, world.clock, control=control).test_id
+    before, since = store.tests(), len(world.calls)
+
+    def hook(call: str) -> None:
+        if call == "chamber.identify":
+            raise RecognitionError("chamber: not recognised: shows 0 decimals, expected 1")
+
+    world.hook = hook
+    sequence = None if resumed else short
+    for _ in range(2):  # nobody is left holding it
+        with pytest.raises(RecognitionError, match="shows 0 decimals"):
+            run_test(sequence, station, store, world.clock, resume=test_id)
+    assert writes(world, since) == []
+    assert store.tests() == before
+
+
 def test_a_guardian_that_does_not_start_leaves_the_chamber_alone(short, station, store, world):
     def refuse(_: str) -> None:
         raise LinkError("guardian: another test runs on the chamber")
