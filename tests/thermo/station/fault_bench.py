@@ -422,7 +422,7 @@ class Digitiser(Line):
             part = part.strip().upper()
             if match := re.match(r":?ROUT\w*:SCAN\w* \(@([\d,:]*)\)", part):
                 self.scan_list = [int(c) for c in match[1].split(",") if c]
-            elif part.endswith("?"):
+            elif "?" in part:
                 answers.append(self.query(part))
         return answers
 
@@ -441,6 +441,8 @@ class Digitiser(Line):
             return str(len(self.scan_list))
         if part == "READ?":
             return self.read()
+        if "NPLC?" in part:
+            return "+1.00000000E+00"
         self.log.say("unknown", name=self.name, line=part)
         return "0"
 
