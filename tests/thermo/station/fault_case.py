@@ -57,6 +57,7 @@ max_deviation_c = 1.5
 max_deviation_min = 1.0
 stuck_c = 1.0
 max_failure_s = 60.0
+max_bad_share = 0.5  # a loaded machine misses slots at this speed
 [after_gap]
 resoak_min = 0.3
 """
