@@ -3,12 +3,14 @@
 import contextlib
 import math
 import os
+import resource
 import shutil
 import signal
 import sqlite3
 import subprocess
 import time
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -281,6 +283,41 @@ def start_race(case: Case) -> Result:
         case.store = str(case.folder / "second.sqlite")
         case.process = second
     return result
+
+
+@kind(3)
+def resume_race(case: Case) -> Result:
+    """A killed test is resumed twice at once: one goes on with it."""
+    begin(case, high=5)
+    case.process.kill(signal.SIGKILL)
+    end(case)
+    safe_s = case.wait_safe(PATIENCE_S)
+    words = ["run", "--resume", case.tests()[-1]["id"], "--store", case.store]
+    both = [
+        Process(case.folder, words, acks=case.folder / "acks", **case.environment) for _ in range(2)
+    ]
+    codes = sorted((p.wait(120) for p in both), key=str)
+    case.process = next((p for p in both if p.code == 0), both[0])
+    result = Result((0,))
+    if codes != [0, 2] or not safe_s < PATIENCE_S:
+        told = " / ".join(p.text()[-300:] for p in both)
+        result.problems.append(f"exit codes {codes}: {told}")
+    return result
+
+
+@kind(3)
+def resume_while_the_guardian_tries(case: Case) -> Result:
+    begin(case, high=5)
+    case.panel("chamber", "dead")
+    case.process.kill(signal.SIGKILL)
+    end(case)
+    time.sleep(0.5)
+    words = ["run", "--resume", case.tests()[-1]["id"], "--store", case.store]
+    case.process = Process(case.folder, words, acks=case.folder / "acks", **case.environment)
+    time.sleep(case.rng.uniform(2, 5))
+    case.panel("chamber", "alive")
+    end(case, 120)
+    return Result((0,))
 
 
 @kind(4)
@@ -680,6 +717,33 @@ def _fill(path: Path) -> Path:
                 file.write(bytes(4096))
         except OSError:
             return path
+
+
+@kind(3)
+def state_folder_removed(case: Case) -> Result:
+    """The folder of spools is taken away, then the store is locked."""
+    begin(case, high=8)
+    shutil.rmtree(case.folder / "state")
+    with closing(sqlite3.connect(case.store, timeout=5, isolation_level=None)) as holder:
+        holder.execute("begin immediate")
+        time.sleep(case.rng.uniform(0.5, 5))
+        holder.execute("rollback")
+    return Result((0, 1))
+
+
+@kind(3)
+def no_more_files(case: Case) -> Result:
+    """Nothing more can be opened by the controller: no spool, no new connection."""
+    begin(case, high=8)
+    resource.prlimit(case.process.pid, resource.RLIMIT_NOFILE, (4, 4))
+    if case.rng.random() < 0.5:
+        case.panel("chamber", "reset", 1)
+    else:
+        with closing(sqlite3.connect(case.store, timeout=5, isolation_level=None)) as holder:
+            holder.execute("begin immediate")
+            time.sleep(case.rng.uniform(0.5, 3))
+            holder.execute("rollback")
+    return Result((0, 1), within_s=60)
 
 
 @kind(3)
