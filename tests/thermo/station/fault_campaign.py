@@ -3,11 +3,12 @@
     python -m tests.thermo.station.fault_campaign --count 300 --seed 1
 
 The instruments are foreign ones in another process (`fault_bench.py`), the program is `accelbench`
-itself; the kinds are in `fault_kinds.py`. A table goes to standard output; the exit code is 1 if
+itself; the kinds are in `fault_kinds_*.py`. A table goes to standard output; the exit code is 1 if
 anything failed.
 """
 
 import argparse
+import importlib
 import json
 import math
 import random
@@ -21,6 +22,9 @@ from pathlib import Path
 
 from tests.thermo.station.fault_case import Case, judge_readings
 from tests.thermo.station.fault_kinds import KINDS
+
+for _group in ("process", "chamber", "store"):
+    importlib.import_module(f"tests.thermo.station.fault_kinds_{_group}")
 
 
 def run_one(name: str, seed: int, folder: Path) -> dict:
