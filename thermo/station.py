@@ -249,8 +249,7 @@ class _Test:
             first = self._resumed and point.run > 1
             reason = self._runs(session, point, pause_first=first)
         session.commanded = True  # the safe end belongs to the test, also if nothing else was left
-        for text in find_bad_shares(self._store, self._test_id, self._plan, session.beat):
-            session.journal.complain(text)
+        self._judge_shares(session)
         complaints = session.journal.complaints
         for text in complaints:
             session.journal.event("complaint", text)
@@ -297,6 +296,14 @@ class _Test:
             journal.event("run finished", f"run {number} of {plan.runs}")
             self._judge_ramps(session, number)
         return self._decide(session, plan.runs).reason
+
+    def _judge_shares(self, session: Session) -> None:
+        try:
+            bad = find_bad_shares(self._store, self._test_id, self._plan, session.beat)
+        except StoreAwayError as err:  # the test is done, and whether it is good is not known
+            bad = [f"readings missed and flagged are not judged: {err}"]
+        for text in bad:
+            session.journal.complain(text)
 
     def _judge_ramps(self, session: Session, number: int) -> None:
         try:
