@@ -102,12 +102,23 @@ class ModbusChamber(WatchedController, ABC):
     # ---- what a Chamber is
 
     def read_temp_c(self) -> float:
-        """Read the chamber's own temperature, °C; `DeviceError` on a broken sensor."""
-        temp_c = self._plausible("temperature", self._get("temperature"))
-        broken = self._sensor_fault()
-        if broken:
-            raise DeviceError(f"{self._name}: {broken}, the temperature is not to be trusted")
-        return temp_c
+        """Read the chamber's own temperature, °C.
+
+        Once the controller has been recognised, scale, unit and word order are read again after
+        the temperature: somebody may have changed them at the panel, and the number alone does
+        not show it.
+
+        Raises
+        ------
+        RecognitionError
+            If they are not what they were.
+        DeviceError
+            On a broken sensor, or a number that no chamber has.
+        """
+        number = self._get("temperature")
+        if self._evidence:
+            self._check_scale()
+        return self._trusted(number)
 
     def read_setpoint_c(self) -> float:
         """Read the set point the loop follows now, °C."""
@@ -165,7 +176,7 @@ class ModbusChamber(WatchedController, ABC):
         with self._commanding:
             self._still_recognised()
             # the controllers ramp from the set point in force: first put it where the chamber is
-            present_c = self.read_temp_c()
+            present_c = self._trusted(self._get("temperature"))  # its scale was just seen
             start_c = min(max(present_c, self.limits_c.lo), self.limits_c.hi)
             self._leave_profile(start_c)
             self._hold(start_c)
@@ -251,6 +262,14 @@ class ModbusChamber(WatchedController, ABC):
         """Return the steps to a safe state, each verifying itself and saying what it read back."""
 
     # ---- parts of the above
+
+    def _trusted(self, temp_c: float) -> float:
+        """Return a temperature that was read; DeviceError if its sensor is broken."""
+        self._plausible("temperature", temp_c)
+        broken = self._sensor_fault()
+        if broken:
+            raise DeviceError(f"{self._name}: {broken}, the temperature is not to be trusted")
+        return temp_c
 
     def _check_temp(self, temp_c: float) -> None:
         self._limits.check_temp(temp_c)

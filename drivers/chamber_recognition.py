@@ -171,15 +171,20 @@ class RecognisedController(ControllerRegisters, ABC):
         """
         self._require_recognition()
         try:
-            scale = self._read_scale()
-            self._check_known(scale)
-            problem = find_problem(self._read_limits(), {})
-            if problem:
-                raise self._not_recognised(problem)
+            scale = self._check_scale()
         except RecognitionError:
             self._evidence = {}
             raise
         return ", ".join(f"{name} {_text(value)}" for name, value in scale.items())
+
+    def _check_scale(self) -> Evidence:
+        """Read what shows scale, unit and word order; RecognitionError if it is not as it was."""
+        scale = self._read_scale()
+        self._check_known(scale)
+        problem = find_problem(self._read_limits(), {})
+        if problem:
+            raise self._not_recognised(problem)
+        return scale
 
     def _check_known(self, shown: Evidence) -> None:
         """Raise RecognitionError where something shown is not what is known."""

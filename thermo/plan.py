@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from drivers.station import StationConfig
 from errormodel.errors import InputError
 from thermo.legs import FloatArray, Leg, commanded_c, expand, lagged_c, leg_at
-from thermo.plan_bounds import PLAUSIBLE_C, unprotecting
+from thermo.plan_bounds import PLAUSIBLE_C, unguarded, unprotecting
 from thermo.sequence import Positions, Sequence
 
 CASE_LAG_S = 300.0  # assumed: how slowly an accelerometer's case follows the programme
@@ -155,7 +155,7 @@ def make_plan(sequence: Sequence, station: StationConfig, source: str = "sequenc
         # beyond what a thermistor can show nothing would be limited
         accelerometer_limits_c=(max(own_c[0], PLAUSIBLE_C[0]), min(own_c[1], PLAUSIBLE_C[1])),
     )
-    if (problem := unprotecting(sequence)) is not None:
+    if (problem := unprotecting(sequence) or unguarded(station)) is not None:
         raise InputError(source, *problem)
     _check_wiring(plan, source)
     _check_temperatures(plan, source)

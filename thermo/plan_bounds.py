@@ -1,8 +1,14 @@
 """How wide a limit may be: one that would protect nobody is refused before a test begins."""
 
+from drivers.station import StationConfig
+from thermo.heartbeat import silence_limit_s
 from thermo.sequence import Sequence
 
 PLAUSIBLE_C = (-120.0, 200.0)  # a thermistor that shows more is open, shorted or not connected
+
+# of a controller, before its guardian acts: in half an hour at 5 °C/min a chamber crosses all its
+# range, and none of the time-outs of the examples needs a quarter of it
+MOST_SILENCE_S = 1800.0
 
 # key: least, most, and why
 BOUNDS: dict[str, tuple[float, float, str]] = {
@@ -59,3 +65,25 @@ def unprotecting(sequence: Sequence) -> tuple[str, str] | None:
             "more counts as lost",
         )
     return None
+
+
+def unguarded(station: StationConfig) -> tuple[str, str] | None:
+    """Find out whether a station's time-outs would let its guardian sleep for too long.
+
+    Parameters
+    ----------
+    station : StationConfig
+
+    Returns
+    -------
+    tuple of str, or None
+        The key, and what is wrong with its value.
+    """
+    silence_s = silence_limit_s(station)
+    if silence_s <= MOST_SILENCE_S:
+        return None
+    return (
+        "guardian.margin_s",
+        f"with it and the station's time-outs and retries a silent controller would be relieved "
+        f"after {silence_s:.4g} s, {MOST_SILENCE_S:g} s expected at most",
+    )

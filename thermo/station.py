@@ -10,7 +10,7 @@ from importlib import metadata
 
 from drivers.clock import Clock
 from drivers.devices import SafeResult
-from drivers.errors import InstrumentError
+from drivers.errors import InstrumentError, RecognitionError
 from drivers.opening import Station
 from errormodel.errors import StoreError
 from thermo.plan import Plan, make_plan
@@ -107,6 +107,8 @@ def run_test(
         When the test cannot be begun or resumed; nothing was commanded.
     ChamberOccupiedError
         When somebody else uses the chamber; nothing was commanded or stored.
+    RecognitionError
+        When the chamber's controller is not the station file's; nothing was commanded or stored.
     """
     if resume is not None:
         sequence = stored_sequence(store, resume, sequence)
@@ -174,6 +176,10 @@ class _Test:
         except ChamberOccupiedError as err:
             end.reason = one_line(err)
             raise
+        except RecognitionError as err:
+            end.reason = one_line(err)
+            if self._session is None:  # the station file is wrong, or the controller is another
+                raise
         except EndedError as err:
             end.status, end.reason = err.status, one_line(err)
         except (KeyboardInterrupt, SystemExit) as err:
@@ -243,8 +249,7 @@ class _Test:
             first = self._resumed and point.run > 1
             reason = self._runs(session, point, pause_first=first)
         session.commanded = True  # the safe end belongs to the test, also if nothing else was left
-        for text in find_bad_shares(self._store, self._test_id, self._plan, session.beat):
-            session.journal.complain(text)
+        self._judge_shares(session)
         complaints = session.journal.complaints
         for text in complaints:
             session.journal.event("complaint", text)
@@ -291,6 +296,14 @@ class _Test:
             journal.event("run finished", f"run {number} of {plan.runs}")
             self._judge_ramps(session, number)
         return self._decide(session, plan.runs).reason
+
+    def _judge_shares(self, session: Session) -> None:
+        try:
+            bad = find_bad_shares(self._store, self._test_id, self._plan, session.beat)
+        except StoreAwayError as err:  # the test is done, and whether it is good is not known
+            bad = [f"readings missed and flagged are not judged: {err}"]
+        for text in bad:
+            session.journal.complain(text)
 
     def _judge_ramps(self, session: Session, number: int) -> None:
         try:

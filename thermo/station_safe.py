@@ -56,7 +56,8 @@ def make_chamber_safe(
     Returns
     -------
     SafeResult
-        The verified one, or the last, with a line for every attempt that failed.
+        The verified one, or the last; attempts that failed are told too, those that failed in
+        the same way once.
 
     Raises
     ------
@@ -64,21 +65,26 @@ def make_chamber_safe(
         If `heartbeat` finds that the guardian has taken the chamber over.
     """
     steps: list[str] = []
+    last: tuple[str, ...] = ()
     began_s = clock.now_s()
-    attempt = 0
+    attempt = first = 0
     while True:
         attempt += 1
         _beat(heartbeat)
         try:
             result = chamber.make_safe(temp_c)
-            steps += result.steps
             if result.verified:
-                return SafeResult(verified=True, steps=tuple(steps))
-            steps.append(f"attempt {attempt}: not verified")
+                return SafeResult(verified=True, steps=(*steps, *result.steps))
+            failed = (*result.steps, "not verified")
         except FencedError as err:
             return SafeResult(verified=False, steps=(*steps, one_line(err)))
         except BaseException as err:
-            steps.append(f"attempt {attempt}: {one_line(err)}")
+            failed = (one_line(err),)
+        if failed == last:
+            steps[-1] = f"attempts {first} to {attempt}: {failed[-1]}"
+        else:
+            first, last = attempt, failed
+            steps += (*failed[:-1], f"attempt {attempt}: {failed[-1]}")
         log.warning("%s: safe condition not verified, attempt %d", _name(chamber), attempt)
         try:
             if attempt >= min_attempts and clock.now_s() - began_s >= retry_s:

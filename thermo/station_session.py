@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import TypeVar
 
 from drivers.clock import Clock
-from drivers.errors import FencedError, InstrumentError, LimitError
+from drivers.errors import FencedError, InstrumentError, LimitError, RecognitionError
 from drivers.opening import Station
 from thermo.plan import Plan
 from thermo.station_journal import Journal
@@ -66,7 +66,9 @@ class Session:
         self.chamber_c: float | None = None
         self.foreign = False
         self.look_due_s = -math.inf
+        self._rule = station.config.on_foreign_change
         self._changes: tuple[str, ...] = ()  # foreign ones, at the last look
+        self._undoing = False  # the operator has resumed after them
         self._budgets: dict[str, FailureBudget] = {}
         self._alarms_due_s = -math.inf
         self._shown: Progress | None = None
@@ -86,7 +88,8 @@ class Session:
         InstrumentLostError
             When it has failed too often.
         LimitTrippedError
-            When the driver refuses what is asked: asking again would not help.
+            When the driver refuses what is asked, or no longer recognises the instrument because
+            somebody changed its settings: asking again would not help.
         FencedError
             When somebody else has taken the instrument over.
         """
@@ -100,6 +103,8 @@ class Session:
             value = call()
         except LimitError as err:
             raise LimitTrippedError(f"{name} refused: {err}") from err
+        except RecognitionError as err:
+            raise LimitTrippedError(str(err)) from err
         except FencedError:
             raise
         except InstrumentError as err:
@@ -121,9 +126,30 @@ class Session:
         return self.ask(name, done) is not None
 
     def tell_chamber(self, call: Callable[[], None]) -> bool:
-        """Tell the chamber to do something."""
+        """Tell the chamber to do something, unless that would undo what somebody else changed.
+
+        False: it failed, or it waits for the station's rule on foreign changes, which the next
+        look at the chamber applies.
+
+        Raises
+        ------
+        LimitTrippedError
+            When somebody else has changed the chamber and the rule is to end.
+        """
+        if self.commanded and not self._undoing and not self._may_command():
+            return False
         self.commanded = True
-        return self.tell("chamber set point", call)
+        done = self.tell("chamber set point", call)
+        self._undoing = self._undoing and not done
+        return done
+
+    def _may_command(self) -> bool:
+        """Look whether the chamber still does what it was told; a command would hide that."""
+        if not self._see_changes():
+            return False
+        if self._changes and self._rule == "end":
+            raise LimitTrippedError(f"somebody else changed the chamber: {self._changes_text()}")
+        return not self._changes or self._rule == "tell"
 
     def tell_head(self, call: Callable[[], None]) -> bool:
         """Tell the head to do something."""
@@ -160,9 +186,14 @@ class Session:
         self.chamber_c = self.ask("chamber", chamber.read_temp_c)
         if self.chamber_c is None or not self.commanded:
             return
-        changes = self.ask("chamber's set point and mode", chamber.read_foreign_changes)
+        self._see_changes()
+
+    def _see_changes(self) -> bool:
+        """Read what somebody else changed, and tell what is new; False when it cannot be read."""
+        read = self.station.chamber.read_foreign_changes
+        changes = self.ask("chamber's set point and mode", read)
         if changes is None:
-            return
+            return False
         for change in changes:
             if change not in self._changes:
                 self.journal.event("foreign change", change)
@@ -170,6 +201,7 @@ class Session:
             self.journal.complain(f"somebody else changed the chamber: {'; '.join(changes)}")
         self._changes = changes
         self.foreign = self.foreign or bool(changes)
+        return True
 
     def judge_chamber(self, commanded_c: float | None) -> None:
         """Hold the last reading of the chamber against the limits, and see to its alarms.
@@ -189,10 +221,9 @@ class Session:
             self._alarms_due_s = now_s + ALARM_S
             alarms = self.ask("chamber alarms", self.station.chamber.read_alarms)
             self.watch.alarms(alarms or ())
-        rule = self.station.config.on_foreign_change
-        if self._changes and rule == "end":
+        if self._changes and self._rule == "end":
             raise LimitTrippedError(f"somebody else changed the chamber: {self._changes_text()}")
-        if self._changes and rule == "pause":
+        if self._changes and self._rule == "pause":
             self._stand_back()
         elif self.chamber_c is not None and commanded_c is not None:
             self.watch.programme(now_s, self.chamber_c, commanded_c)
@@ -215,7 +246,8 @@ class Session:
             self.watch.alarms(self.ask("chamber alarms", self.station.chamber.read_alarms) or ())
             if self._shown is not None:
                 self._show_again(self._shown)
-        self._changes = ()  # what is commanded next undoes them
+        self._changes = ()
+        self._undoing = True  # what is commanded next undoes them
         raise InterferedError(began_s)
 
     def go_to(

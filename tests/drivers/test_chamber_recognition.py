@@ -213,6 +213,28 @@ def test_a_word_order_changed_at_the_panel_ends_all_commands(serve):
     assert len(bank.writes) == written
 
 
+@pytest.mark.parametrize(
+    ("kind", "change"),
+    [
+        (ForeignF4, {"decimals": 2}),
+        (ForeignF4, {"fahrenheit": True}),
+        (ForeignF4T, {"fahrenheit": True}),
+        (ForeignF4T, {"high_first": True}),
+    ],
+)
+def test_no_temperature_is_read_by_a_scale_changed_at_the_panel(kind, change, serve):
+    # 22.5 °C: 225 and, with the words of its float swapped, 2.3e-41 are numbers like others
+    bank = serve(kind, temp_c=22.5)
+    chamber = serve.drive(bank)
+    assert chamber.read_temp_c() == pytest.approx(22.5)  # before anything is known of it
+    chamber.identify()
+    assert chamber.read_temp_c() == pytest.approx(22.5)
+    for name, value in change.items():
+        setattr(bank, name, value)
+    with pytest.raises(RecognitionError):
+        chamber.read_temp_c()
+
+
 def test_limits_changed_at_the_panel_do_not_keep_a_chamber_from_being_made_safe(serve):
     for kind in (ForeignF4, ForeignF4T):
         bank = serve(kind)

@@ -167,6 +167,23 @@ def test_a_limit_that_protects_nobody_is_refused_but_can_still_be_read(
 
 
 @pytest.mark.parametrize(
+    ("section", "changes"),
+    [
+        ("guardian", {"margin_s": 1e6}),
+        ("guardian", {"margin_s": 1e308}),
+        ("chamber", {"timeout_s": 60.0, "retries": 10}),
+    ],
+)
+def test_time_outs_that_leave_a_silent_controller_alone_for_hours_are_refused(
+    section: str, changes: dict[str, float]
+) -> None:
+    data = STATION.model_dump()
+    data[section] |= changes
+    with pytest.raises(InputError, match=r"guardian\.margin_s: .* relieved after .* 1800 s exp"):
+        make_plan(parse_sequence(SHORT), StationConfig.model_validate(data), "seq.toml")
+
+
+@pytest.mark.parametrize(
     ("channel", "emulated", "refused"),
     [
         (140, False, False),

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from drivers.errors import DeviceError, FencedError, LinkError
+from drivers.errors import DeviceError, FencedError, LinkError, RecognitionError
 from drivers.station import StationConfig
 from thermo.station import run_test
 from thermo.station_types import ChamberOccupiedError, RunControl
@@ -85,6 +85,30 @@ def test_an_instrument_that_is_another_leaves_the_chamber_alone(short, station, 
     assert not outcome.safe.commanded
     assert not outcome.safe.verified
     assert writes(world) == []
+
+
+@pytest.mark.parametrize("resumed", [False, True])
+def test_a_controller_that_is_not_recognised_is_refused_and_nothing_is_stored(
+    short, station, store, world, resumed
+):
+    test_id = None
+    if resumed:
+        control = RunControl()
+        abort_after(world, control, 12)
+        test_id = run_test(short, station, store, world.clock, control=control).test_id
+    before, since = store.tests(), len(world.calls)
+
+    def hook(call: str) -> None:
+        if call == "chamber.identify":
+            raise RecognitionError("chamber: not recognised: shows 0 decimals, expected 1")
+
+    world.hook = hook
+    sequence = None if resumed else short
+    for _ in range(2):  # nobody is left holding it
+        with pytest.raises(RecognitionError, match="shows 0 decimals"):
+            run_test(sequence, station, store, world.clock, resume=test_id)
+    assert writes(world, since) == []
+    assert store.tests() == before
 
 
 def test_a_guardian_that_does_not_start_leaves_the_chamber_alone(short, station, store, world):
@@ -249,6 +273,41 @@ def test_a_foreign_change_ends_the_test_at_once(short, station, store, world):
     frame = store.readings(outcome.test_id)
     assert set(frame.flag[frame.slot == 11]) == {"foreign"}
     assert set(frame.flag[frame.slot < 11]) == {""}
+
+
+@pytest.mark.parametrize("rule", ["end", "tell"])
+def test_a_command_of_the_programme_does_not_hide_a_foreign_change_that_no_look_saw(
+    short, station, store, world, rule
+):
+    # the chamber fails to answer from the change at the ramp's end to the hold that undoes it
+    with_rule(station, rule)
+    meddler = Meddler(world, station, at=20)
+
+    def hook(call: str) -> None:
+        meddler(call)
+        if call == "chamber.read_temp_c" and station.chamber.foreign:
+            raise LinkError("no reply")
+
+    world.hook = hook
+    outcome = run_test(short, station, store, world.clock)
+    assert outcome.status == ("failed" if rule == "end" else "finished")
+    assert not outcome.clean
+    assert kinds(store, outcome.test_id).count("foreign change") == 1
+    assert world.is_safe
+
+
+def test_an_instrument_that_is_no_longer_recognised_ends_the_test_at_once(
+    short, station, store, world
+):
+    def hook(call: str) -> None:
+        if call == "chamber.read_temp_c" and world.calls.count("digitiser.scan") == 12:
+            raise RecognitionError("chamber: not recognised: decimals 2, was 1")
+
+    world.hook = hook
+    outcome = run_test(short, station, store, world.clock)
+    assert outcome.status == "failed"
+    assert outcome.reason == "chamber: not recognised: decimals 2, was 1"
+    assert world.calls.count("digitiser.scan") == 12
 
 
 def test_a_foreign_change_between_far_slots_is_seen_within_seconds(

@@ -126,7 +126,9 @@ def test_a_disturbed_clean_up_is_tried_again(short, station, store, world, error
     assert outcome.status == "interrupted"
     assert world.calls.count("chamber.make_safe") == len(errors) + 1
     check_safe(outcome, world, store)
-    assert sum("attempt" in step for step in outcome.safe.steps) == len(errors)
+    steps = "; ".join(outcome.safe.steps)
+    assert f"attempt {len(errors)}" in steps or f"to {len(errors)}:" in steps
+    assert all(str(error) in steps for error in errors)
 
 
 def test_an_unverified_result_is_tried_again(short, station, store, world):
@@ -139,7 +141,7 @@ def test_an_unverified_result_is_tried_again(short, station, store, world):
     station.chamber.make_safe = make_safe
     outcome = run_test(short, station, store, world.clock)
     assert outcome.clean
-    assert sum("not verified" in step for step in outcome.safe.steps) == 2
+    assert "attempts 1 to 2: not verified" in outcome.safe.steps
 
 
 def test_a_clean_up_that_fails_is_its_own_result(short, station, store, world):
@@ -152,7 +154,9 @@ def test_a_clean_up_that_fails_is_its_own_result(short, station, store, world):
     assert outcome.status == "finished"
     assert not outcome.safe.verified
     assert not outcome.clean
-    assert sum("connection refused" in step for step in outcome.safe.steps) > 10  # for 120 s
+    (tried,) = (step for step in outcome.safe.steps if "connection refused" in step)
+    assert tried.startswith("attempts 1 to ")
+    assert int(tried.split()[3].rstrip(":")) > 10  # for 120 s, and told in one line
     record = store.test(outcome.test_id)
     assert json.loads(record.safe_result_json)["verified"] is False
     assert any(event.kind == "not safe" for event in store.events(outcome.test_id))

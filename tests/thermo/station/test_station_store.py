@@ -73,6 +73,24 @@ def test_a_test_goes_on_without_its_store_and_nothing_is_lost(
     assert sum("run 1 is not judged now" in text for text in said) == 1
 
 
+def test_a_test_that_is_done_while_its_store_is_away_is_finished_with_a_complaint(
+    short, station, world, store_url, monkeypatch
+):
+    monkeypatch.setattr(store_bypass, "READ_PATIENCE_S", 0.5)
+    with open_spooled_store(store_url, patience_s=PATIENCE_S) as store:
+        with Outage(world, store_url, begin=40):
+            outcome = run_test(short, station, store, world.clock)
+        assert store.settle(60.0) == ""
+    assert outcome.status == "finished"
+    assert not outcome.clean
+    (complaint,) = outcome.complaints
+    assert "not judged" in complaint
+    assert world.is_safe
+    with open_existing_store(store_url) as store:
+        assert store.test(outcome.test_id).status == "finished"
+        assert len(store.readings(outcome.test_id)) == outcome.readings == 2 * 2 * 28
+
+
 def test_a_limit_ends_the_test_while_the_store_is_away(
     edit_sequence, station, world, store_url, monkeypatch
 ):
