@@ -15,7 +15,6 @@ from thermo.sequence import Positions, Sequence
 
 CASE_LAG_S = 300.0  # assumed: how slowly an accelerometer's case follows the programme
 HEAD_START_S = 0.5  # assumed: what a head needs to begin and end a move beyond angle/speed
-EMULATED_CHANNELS = 20  # of each of the emulated multimeter's three modules
 MAX_SLOTS = 2_000_000  # all runs; a period of 0.1 s for more than two days
 
 
@@ -177,13 +176,6 @@ def _check_wiring(plan: Plan, source: str) -> None:
             known = ", ".join(sorted(wired))
             problem = f"{accelerometer.serial!r} is not wired in the station, which has {known}"
             raise InputError(source, f"accelerometers.{index}.serial", problem)
-    # a 34970A takes multiplexers of 16, 20 or 40 channels; the emulated one has those of 20
-    most = 40 if plan.station.emulation is None else EMULATED_CHANNELS
-    for entry in plan.station.inputs:
-        for channel in (entry.output_channel, entry.thermistor_channel):
-            if not 1 <= channel % 100 <= most:
-                problem = f"there is no channel {channel}, the last two digits are 01 to {most}"
-                raise InputError(plan.station.name, f"inputs, {entry.serial}", problem)
 
 
 def _check_temperatures(plan: Plan, source: str) -> None:

@@ -183,30 +183,6 @@ def test_time_outs_that_leave_a_silent_controller_alone_for_hours_are_refused(
         make_plan(parse_sequence(SHORT), StationConfig.model_validate(data), "seq.toml")
 
 
-@pytest.mark.parametrize(
-    ("channel", "emulated", "refused"),
-    [
-        (140, False, False),
-        (141, False, True),
-        (200, False, True),
-        (120, True, False),
-        (121, True, True),
-    ],
-)
-def test_a_channel_that_no_multiplexer_has_is_refused(
-    channel: int, emulated: bool, refused: bool
-) -> None:
-    inputs = [{"serial": "QA-001", "output_channel": channel, "thermistor_channel": 111}]
-    inputs += [{"serial": "QA-002", "output_channel": 102, "thermistor_channel": 112}]
-    data = STATION.model_dump() | {"inputs": inputs, "emulation": {} if emulated else None}
-    station = StationConfig.model_validate(data)
-    if not refused:
-        make_plan(parse_sequence(SHORT), station)
-        return
-    with pytest.raises(InputError, match=f"QA-001: there is no channel {channel}"):
-        make_plan(parse_sequence(SHORT), station)
-
-
 def test_dry_run_text_says_what_matters() -> None:
     text = "\n".join(plan_lines(make_plan(parse_sequence(SHORT), STATION), lambda _: ["foreseen"]))
     for word in ("30 min", "112", "QA-001, QA-002", "repeat the segment", "foreseen", "+2.00"):
