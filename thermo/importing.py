@@ -168,7 +168,9 @@ def _placeable(rows: Log, times: _Times, mapping: LogMap) -> tuple[Log, _Times]:
 
     Of each run the longest sequence that increases is kept: one wrong stamp costs one row.
     """
-    value = np.array([np.nan if v is None else v - _least(times.values) for v in times.values])
+    least = _least(times.values)
+    given = [np.nan if v is None else float(v - least) for v in times.values]
+    value = np.array(given, dtype=np.float64)
     keep = ~np.isnan(value)
     # where rows belong to different accelerometers, each one's own order is checked later
     if not any(a.only is not None for a in mapping.accelerometers):

@@ -49,20 +49,17 @@ class LeftOut:
 
 def left_out(line: Linearised, channel: Channel) -> tuple[LeftOut, ...]:
     """Return what the residual follows, the most significant first."""
-    names, words, effects = zip(*_effects(line, channel), strict=True)
-    columns = line.left(np.column_stack(effects))
-    own = np.linalg.norm(np.column_stack(effects), axis=0)
     found: list[LeftOut] = []
-    for k, name in enumerate(names):
-        column = columns[:, k]
+    for name, words, effect in _effects(line, channel):  # one at a time: a recording may be long
+        column = line.left(effect[:, None])[:, 0]
         length2 = float(column @ column)
-        if not length2 > LEAST_LEFT * own[k] ** 2:
+        if not length2 > LEAST_LEFT * float(effect @ effect):
             continue  # the model has it, or the readings cannot tell it from what it has
         amount = float(column @ line.residual) / length2
         sigma = float(np.sqrt(line.variance(column[:, None])[0, 0])) / length2
         size = abs(amount) * float(np.sqrt(length2 / column.size))
         if abs(amount) > SIGMAS * sigma and size > WORTH * line.noise.white:
-            told = words[k].format(amount=amount)
+            told = words.format(amount=amount)
             sigmas = abs(amount) / sigma
             found.append(LeftOut(name=name, words=told, rms_ug=1e6 * size, sigmas=sigmas))
     return tuple(sorted(found, key=lambda one: -one.sigmas))

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
-from errormodel.arrays import BoolArray, FloatArray, IntArray
+from errormodel.arrays import FloatArray, IntArray
 from errormodel.robust import bisquare_fit, robust_sigma, running_median
 from thermo.recording_check import OVERLOAD
 from thermo.recording_model import RecordedRuns
@@ -34,8 +34,6 @@ LIMIT_SIGMA = 6.5
 HALF_WINDOWS = (2, 5, 25)  # readings on either side; a burst shorter than that is found
 SENSOR_STEP_C = 0.05  # smaller steps of a thermistor move no output by more than its noise
 OUTPUT_HALF_WINDOW = 12  # visits of the same position on either side
-SIDE_WINDOW = 6  # visits before, and after
-GROSS = 10.0
 MOST_OUTLIERS = 0.02  # of a series; what is more frequent is no accident but structure
 # thermal time constants of an accelerometer in its case
 RATE_SPANS_S = (30.0, 50.0, 80.0, 120.0, 170.0, 230.0, 300.0)
@@ -45,6 +43,7 @@ FEWEST_CLIPPED = 3
 CLIP_SIGMA = 4.0
 LIKELY_REPEATS = 1e-6  # chance of so many equal digits in a row that is called impossible
 SAME_INPUT_G = 0.02  # inputs closer than that are one position
+ALL = slice(None)
 SHOWN = 3  # places named in a message
 
 
@@ -57,7 +56,7 @@ class _Series:
     rows: IntArray  # in the record
     time_s: FloatArray
     temp_c: FloatArray
-    rate: FloatArray  # shape (n, m): of the temperature, °C/min, over several times
+    fastest: FloatArray  # shape (m,): usual slopes of the temperature over RATE_SPANS_S, °C/min
     output: FloatArray  # in nominal g
     place: IntArray  # which position; 0 for all where the input is unknown
     a_g: FloatArray | None  # shape (n, 3)
@@ -95,16 +94,14 @@ def flag_readings(record: RecordedRuns, place: Callable[[int], str] | None = Non
     structured = list[str]()
     for serial in record.serials:
         found: dict[int, str] = {}
-        total = deviating = 0
+        total = 0
         for one in _all_series(record, flags, serial):
-            here, out = _output_outliers(one, usual[serial])
-            found |= here
-            deviating += out
+            found |= _output_outliers(one, usual[serial])
             total += len(one.rows)
-        if deviating <= max(1.0, MOST_OUTLIERS * total):
+        if len(found) <= max(1.0, MOST_OUTLIERS * total):
             flags |= found
         else:
-            structured.append(f"{serial}: {deviating} of {total}")
+            structured.append(f"{serial}: {len(found)} of {total}")
     if structured:
         log.warning(
             "%s: too many readings leave their neighbours to be accidents (%s); none of them is "
@@ -188,13 +185,9 @@ def _temperature_outliers(one: _Series) -> dict[int, str]:
     return {int(row): "temperature_outlier" for row in one.rows[bad]}
 
 
-def _output_outliers(one: _Series, model: FloatArray) -> tuple[dict[int, str], int]:
-    """Find outputs that leave the running median of their position, after the usual curve.
-
-    The number returned is of all that deviate, those among them that do not come back.
-    """
+def _output_outliers(one: _Series, model: FloatArray) -> dict[int, str]:
+    """Find outputs that leave the running median of their position, after the usual curve."""
     found: dict[int, str] = {}
-    deviating = 0
     residual = one.output - _expected(one, model)
     places, count = np.unique(one.place, return_counts=True)
     rare = np.isin(one.place, places[count < FEWEST])
@@ -205,28 +198,8 @@ def _output_outliers(one: _Series, model: FloatArray) -> tuple[dict[int, str], i
             continue
         off = residual[mine] - running_median(residual[mine], OUTPUT_HALF_WINDOW)
         limit = LIMIT_SIGMA * robust_sigma(off) + _step_of(one.output[mine])
-        deviating += int((np.abs(off) > limit).sum())
-        bad = _leaves_and_returns(residual[mine], off, limit)
-        found |= {int(row): "outlier" for row in one.rows[mine[bad]]}
-    return found, deviating
-
-
-def _leaves_and_returns(values: FloatArray, off: FloatArray, limit: float) -> BoolArray:
-    """Tell which readings differ alike from those before and from those after them, shape (n,).
-
-    A step, the corner of a loop and what settles at the beginning of a run agree with one side.
-    Where one side has too few readings to tell, only gross ones count.
-    """
-    side = SIDE_WINDOW
-    alike = np.zeros(len(values), dtype=np.bool_)
-    for i in np.flatnonzero(np.abs(off) > limit).tolist():
-        before, after = values[max(0, i - side) : i], values[i + 1 : i + 1 + side]
-        if min(len(before), len(after)) < side // 2:
-            alike[i] = abs(off[i]) > GROSS * limit
-            continue
-        leaves = values[i] - np.array([np.median(before), np.median(after)])
-        alike[i] = bool(np.all(np.sign(off[i]) * leaves > limit / 2))
-    return alike
+        found |= {int(row): "outlier" for row in one.rows[mine[np.abs(off) > limit]]}
+    return found
 
 
 # ---- what is usual ----
@@ -234,17 +207,16 @@ def _leaves_and_returns(values: FloatArray, off: FloatArray, limit: float) -> Bo
 
 def _preliminary(record: RecordedRuns, serial: str, flags: dict[int, str]) -> FloatArray:
     """Fit output over temperature and input roughly, by a method that outliers do not move."""
-    series = list(_all_series(record, flags, serial))
-    if not series:
+    total = int((record.serial.codes == record.serials.index(serial)).sum())
+    thin = slice(None, None, max(1, total // SAMPLE))
+    columns, outputs = list[FloatArray](), list[FloatArray]()
+    for one in _all_series(record, flags, serial):
+        a_g = None if one.a_g is None else one.a_g[thin]
+        columns.append(_columns(one.temp_c[thin], _rates(one, thin), a_g))
+        outputs.append(one.output[thin])
+    if not columns:
         return np.zeros(0)
-    temp_c = np.concatenate([one.temp_c for one in series])
-    output = np.concatenate([one.output for one in series])
-    forces = [one.a_g for one in series if one.a_g is not None]
-    a_g = np.concatenate(forces) if len(forces) == len(series) else None
-    thin = max(1, len(temp_c) // SAMPLE)
-    rate = np.concatenate([one.rate for one in series])
-    columns = _columns(temp_c[::thin], rate[::thin], None if a_g is None else a_g[::thin])
-    return bisquare_fit(columns, output[::thin])
+    return bisquare_fit(np.vstack(columns), np.concatenate(outputs))
 
 
 def _columns(temp_c: FloatArray, rate: FloatArray, a_g: FloatArray | None) -> FloatArray:
@@ -270,7 +242,7 @@ def _expected(one: _Series, model: FloatArray) -> FloatArray:
     for begin in range(0, len(expected), SAMPLE):
         rows = slice(begin, begin + SAMPLE)
         a_g = None if one.a_g is None else one.a_g[rows]
-        expected[rows] = _columns(one.temp_c[rows], one.rate[rows], a_g) @ model
+        expected[rows] = _columns(one.temp_c[rows], _rates(one, rows), a_g) @ model
     return expected
 
 
@@ -351,33 +323,46 @@ def _all_series(
             rows=rows,
             time_s=record.time_s[rows],
             temp_c=temp_c,
-            rate=_rates(record.time_s[rows], temp_c),
+            fastest=_fastest(record.time_s[rows], temp_c),
             output=record.output[rows] / record.scale_of(run, name).nominal_scale,
             place=_places(a_g, len(rows)),
             a_g=a_g,
         )
 
 
-def _rates(time_s: FloatArray, temp_c: FloatArray) -> FloatArray:
-    """Return the temperature's slope over the last minutes, °C/min, shape (n, m).
+def _slopes(time_s: FloatArray, temp_c: FloatArray, rows: slice = ALL) -> Iterator[FloatArray]:
+    """Yield the temperature's slope over each of the last `RATE_SPANS_S`, °C/min.
 
-    Taken backwards: what lags behind the temperature goes by what it was. The steps into and out
-    of a burst of wrong temperatures are no rates: they are cut to what is usual.
+    Taken backwards: what lags behind the temperature goes by what it was.
     """
-    slopes = list[FloatArray]()
     for span_s in RATE_SPANS_S:
-        before_c = np.interp(time_s - span_s, time_s, temp_c)
-        slope = 60.0 * (temp_c - before_c) / span_s
-        usual = 1.5 * float(np.quantile(np.abs(slope), 0.95)) + 60.0 * SENSOR_STEP_C / span_s
-        slopes.append(np.clip(slope, -usual, usual))
-    return np.column_stack(slopes)
+        before_c = np.interp(time_s[rows] - span_s, time_s, temp_c)
+        yield 60.0 * (temp_c[rows] - before_c) / span_s
+
+
+def _fastest(time_s: FloatArray, temp_c: FloatArray) -> FloatArray:
+    """Return the usual slopes: those into and out of a burst of wrong values are none."""
+    most = [
+        1.5 * float(np.quantile(np.abs(slope), 0.95)) + 60.0 * SENSOR_STEP_C / span_s
+        for span_s, slope in zip(RATE_SPANS_S, _slopes(time_s, temp_c), strict=True)
+    ]
+    return np.array(most)
+
+
+def _rates(one: _Series, rows: slice) -> FloatArray:
+    """Return the slopes of some readings, cut to what is usual, shape (n, m)."""
+    slopes = np.column_stack(list(_slopes(one.time_s, one.temp_c, rows)))
+    return np.clip(slopes, -one.fastest, one.fastest)
 
 
 def _places(a_g: FloatArray | None, n: int) -> IntArray:
+    """Return which position each reading was taken at, shape (n,)."""
     if a_g is None:
         return np.zeros(n, dtype=np.intp)
-    rounded = np.round(a_g / SAME_INPUT_G)
-    return np.unique(rounded, axis=0, return_inverse=True)[1].reshape(n)
+    key = np.zeros(n, dtype=np.int64)
+    for column in a_g.T:  # each within ±50 000 steps, so that one number holds all three
+        key = np.asarray(key * 100_003 + np.round(column / SAME_INPUT_G), dtype=np.int64)
+    return np.unique(key, return_inverse=True)[1]
 
 
 def _tell(record: RecordedRuns, flags: dict[int, str], where: Callable[[int], str]) -> None:

@@ -164,7 +164,7 @@ def refuse_copies(record: RecordedRuns) -> None:
             continue  # a few digits may be equal by chance, or by an overload
         key = hashlib.sha256(output.tobytes() + record.temp_c[mine].tobytes()).digest()
         other = seen.setdefault(key, (run, serial))
-        if other != (run, serial):
+        if other[0] != run:
             raise InputError(
                 record.source,
                 "",

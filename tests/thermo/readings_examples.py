@@ -8,6 +8,7 @@ import pandas as pd
 from thermo.recording import RecordedRuns, make_runs
 
 NOMINAL = 1.3  # mA/g
+EDGE = 60  # readings at either end of a run without bursts: several visits of every position
 
 
 def clean(
@@ -60,7 +61,12 @@ def recorded(frame: pd.DataFrame) -> RecordedRuns:
 
 def _some(frame: pd.DataFrame, rng: np.random.Generator, length: int) -> np.ndarray:
     share = max(1, len(frame) // 100 // length)
-    starts = rng.choice(len(frame) - length, share, replace=False)
+    at = np.arange(len(frame))
+    within = frame.groupby("run").cumcount().to_numpy()
+    left = frame.groupby("run").cumcount(ascending=False).to_numpy()
+    if length > 1:  # a burst at an end of a run has no coming back
+        at = at[(within >= EDGE) & (left >= EDGE + length)]
+    starts = rng.choice(at[at < len(frame) - length], share, replace=False)
     return np.unique((starts[:, None] + np.arange(length)).ravel())
 
 

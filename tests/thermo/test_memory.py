@@ -102,7 +102,7 @@ def test_an_export_in_pieces_is_the_export_of_the_whole(
     summary = export_in_pieces(
         store, test_id, parted, scale=scale, serials=["A", "B", "=C"], mount_deg=mount_deg
     )
-    assert summary == summary_of(record) == summary_of(read_runs([parted]))
+    assert summary == summary_of(record) == summary_of(read_runs([parted], checked=False))
     assert parted.with_suffix(".toml").read_text() == whole.with_suffix(".toml").read_text()
     if suffix == ".csv":
         assert parted.read_bytes() == whole.read_bytes()

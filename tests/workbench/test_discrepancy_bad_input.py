@@ -103,7 +103,7 @@ def test_runs_that_cannot_be_searched_are_refused(
         ("run,serial,time_s,output\n1,A,0,1\n", "no column temp_c"),
         (
             "run,serial,time_s,temp_c,output\n1,A,0,nan,1\n",
-            "line 2: temp_c is empty or not a number",
+            "serial A: 1 readings, at least 200 expected",  # a run without any temperature
         ),
         ("run,serial,time_s,temp_c,output\n1,A,0,20,\n", "line 2: output is empty or not a number"),
     ],
