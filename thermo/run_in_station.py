@@ -1,6 +1,7 @@
 """The run-in rule on a running test: from the readings in its store to going on or stopping."""
 
 from errormodel.errors import WorkbenchError
+from thermo.readings_check import flag_readings
 from thermo.run_in import RunInVerdict
 from thermo.run_in_cycles import judge_runs
 from thermo.run_in_rule import RunInRule
@@ -32,7 +33,7 @@ def judge_stored(
     used = [f"{test_id}-{n}" for n in finished if cycles is None or n <= cycles]
     return tuple(
         verdict
-        for record in recorded_runs(store, test_id)
+        for record in map(flag_readings, recorded_runs(store, test_id))
         for verdict in judge_runs(record.select(runs=used), rule)
     )
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from drivers.station import StationConfig
 from errormodel.errors import InputError, StoreError
 from thermo.output_scale import OutputScale, OutputUnit
+from thermo.readings_check import flag_readings
 from thermo.recording import RecordedRuns, join_runs
 from thermo.recording_summary import RecordingSummary
 from thermo.sequence import parse_sequence
@@ -124,14 +125,14 @@ def export_recorded(store: Store, test_id: str, path: Path) -> tuple[Exported, .
 
 
 def stored_runs(store: Store, test_id: str) -> RecordedRuns:
-    """Return a test's runs without writing any file.
+    """Return a test's runs without writing any file, judged as those read from files are.
 
     Raises
     ------
     StoreError
         If there is no such test or it has no readings.
     """
-    return join_runs(recorded_runs(store, test_id))
+    return flag_readings(join_runs(recorded_runs(store, test_id)))
 
 
 def recorded_runs(store: Store, test_id: str) -> tuple[RecordedRuns, ...]:
