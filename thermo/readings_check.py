@@ -51,7 +51,6 @@ SHOWN = 3  # places named in a message
 class _Series:
     """The good readings of one accelerometer in one run, in order of time."""
 
-    run: str
     serial: str
     rows: IntArray  # in the record
     time_s: FloatArray
@@ -318,7 +317,6 @@ def _all_series(
         # a run without any temperature was at one temperature
         temp_c = np.nan_to_num(record.temp_c[rows], nan=25.0)
         yield _Series(
-            run=run,
             serial=name,
             rows=rows,
             time_s=record.time_s[rows],

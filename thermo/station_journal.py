@@ -5,7 +5,6 @@ import logging
 import os
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from datetime import UTC, datetime
 from pathlib import Path
 
 from drivers.clock import Clock
@@ -42,11 +41,6 @@ def clock_identity(clock: Clock) -> str:
     except OSError:
         boot = f"process {os.getpid()}"
     return f"monotonic × {speed:g} since {boot}"
-
-
-def now_utc() -> str:
-    """Return the time of day as the store keeps it."""
-    return datetime.now(UTC).isoformat(timespec="milliseconds")
 
 
 class Journal:
