@@ -2,8 +2,9 @@
 
 import logging
 import platform
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from collections.abc import Sequence as Many
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib import metadata
@@ -28,6 +29,7 @@ from thermo.station_types import (
     ChamberOccupiedError,
     Decision,
     EndedError,
+    InterferedError,
     Observer,
     Observers,
     RunControl,
@@ -159,6 +161,8 @@ class _Test:
         self._test_id = ""
         self._resumed = False
         self._session: Session | None = None
+        self._unjudged: int | None = None  # the run done last, while its ramps are not judged
+        self._decision = GO_ON
 
     def run(
         self, resume: str | None, before_command: Callable[[str], None], *, take_over: bool
@@ -166,13 +170,24 @@ class _Test:
         end = _End()
         self._test_id, self._resumed = resume or "", resume is not None
         try:
-            identities = self._station.identify()
-            occupied = self._occupation(take_over=take_over)
-            session, point = self._begin(identities)
-            for text in occupied:
-                session.journal.event("take-over", text)
-            end.reason = self._procedure(session, point, before_command)
-            end.status = "finished"
+            with self._telling(end):
+                identities = self._station.identify()
+                occupied = self._occupation(take_over=take_over)
+                session, point = self._begin(identities)
+                for text in occupied:
+                    session.journal.event("take-over", text)
+                self._procedure(session, point, before_command)
+                end.status = "finished"
+        finally:
+            # also on the way of an exception that nobody above expected
+            outcome = self._end(end)
+        return outcome
+
+    @contextmanager
+    def _telling(self, end: _End) -> Iterator[None]:
+        """Make an exception the reason of the end; what says that nothing was begun goes on."""
+        try:
+            yield
         except ChamberOccupiedError as err:
             end.reason = one_line(err)
             raise
@@ -185,14 +200,10 @@ class _Test:
         except (KeyboardInterrupt, SystemExit) as err:
             end.status, end.reason = "interrupted", type(err).__name__
         except (InstrumentError, StoreError) as err:
-            end.reason = one_line(err)
+            end.status, end.reason = "failed", one_line(err)
         except Exception as err:
             log.exception("the test ends by an error of the program")
-            end.reason = f"{type(err).__name__}: {one_line(err)}"
-        finally:
-            # also on the way of an exception that nobody above expected
-            outcome = self._end(end)
-        return outcome
+            end.status, end.reason = "failed", f"{type(err).__name__}: {one_line(err)}"
 
     # ---- the procedure ----
 
@@ -240,20 +251,13 @@ class _Test:
 
     def _procedure(
         self, session: Session, point: ResumePoint | None, before_command: Callable[[str], None]
-    ) -> str:
-        """Do what is left of the test, and return why it is done."""
+    ) -> None:
+        """Do what is left of the test."""
         before_command(self._test_id)
-        if point is None:
-            reason = self._decide(session, self._plan.runs).reason
-        else:
+        if point is not None:
             first = self._resumed and point.run > 1
-            reason = self._runs(session, point, pause_first=first)
+            self._runs(session, point, pause_first=first)
         session.commanded = True  # the safe end belongs to the test, also if nothing else was left
-        self._judge_shares(session)
-        complaints = session.journal.complaints
-        for text in complaints:
-            session.journal.event("complaint", text)
-        return f"{reason}, with {len(complaints)} complaints" if complaints else reason
 
     def _decide(self, session: Session, number: int) -> Decision:
         """Decide, from what is stored, whether the test goes on after a run."""
@@ -265,14 +269,20 @@ class _Test:
             session.journal.event(decision.kind, line)
         return decision
 
-    def _runs(self, session: Session, point: ResumePoint, *, pause_first: bool) -> str:
+    def _runs(self, session: Session, point: ResumePoint, *, pause_first: bool) -> None:
+        """Do the runs that are left, or as many as are needed; the last one is not judged yet."""
         plan = self._plan
         for number in range(point.run, plan.runs + 1):
             after_s = (plan.runs - number) * (plan.rest_s + plan.approach_s + plan.run_s)
             begun = number == point.run and point.start_s is not None
             # before every new run, not after every one done: a resumed test asks again
-            if not begun and number > 1 and (decision := self._decide(session, number - 1)).stop:
-                return decision.reason
+            if not begun and number > 1:
+                self._judge_ramps(session)
+                with suppress(InterferedError):  # what comes next commands the chamber anew
+                    session.look_at_chamber(None)  # between two questions to a store that is away
+                self._decision = self._decide(session, number - 1)
+                if self._decision.stop:
+                    return
             if not begun and (number > point.run or pause_first):
                 self._rest(session, after_s + plan.approach_s + plan.run_s)
             journal = session.journal
@@ -294,18 +304,13 @@ class _Test:
             run.finish()
             self._store.finish_run(self._test_id, number, "finished")
             journal.event("run finished", f"run {number} of {plan.runs}")
-            self._judge_ramps(session, number)
-        return self._decide(session, plan.runs).reason
+            self._unjudged = number
 
-    def _judge_shares(self, session: Session) -> None:
-        try:
-            bad = find_bad_shares(self._store, self._test_id, self._plan, session.beat)
-        except StoreAwayError as err:  # the test is done, and whether it is good is not known
-            bad = [f"readings missed and flagged are not judged: {err}"]
-        for text in bad:
-            session.journal.complain(text)
-
-    def _judge_ramps(self, session: Session, number: int) -> None:
+    def _judge_ramps(self, session: Session) -> None:
+        """Judge the ramps of the run that was done last, once."""
+        number, self._unjudged = self._unjudged, None
+        if number is None:
+            return
         try:
             readings = self._store.readings(self._test_id, number)
         except StoreAwayError as err:  # no reason to end the test: they can be judged later
@@ -334,6 +339,30 @@ class _Test:
 
     # ---- the end ----
 
+    def _judge(self, session: Session, end: _End) -> None:
+        """Judge what was read, and say why the test is done.
+
+        The chamber is safe by now: it does not wait for a store that does not answer.
+        """
+        self._judge_ramps(session)
+        session.beat()
+        if not self._decision.stop:
+            self._decision = self._decide(session, self._plan.runs)
+        self._judge_shares(session)
+        complaints = session.journal.complaints
+        for text in complaints:
+            session.journal.event("complaint", text)
+        how = f", with {len(complaints)} complaints" if complaints else ""
+        end.reason = self._decision.reason + how
+
+    def _judge_shares(self, session: Session) -> None:
+        try:
+            bad = find_bad_shares(self._store, self._test_id, self._plan, session.beat)
+        except StoreAwayError as err:  # the test is done, and whether it is good is not known
+            bad = [f"readings missed and flagged are not judged: {err}"]
+        for text in bad:
+            session.journal.complain(text)
+
     def _end(self, end: _End) -> TestOutcome:
         session, station = self._session, self._station
         done = clean_up(
@@ -347,6 +376,9 @@ class _Test:
         )
         if done.fenced:
             end.status, end.reason = "failed", done.fenced
+        if session is not None and end.status == "finished":
+            with self._telling(end):
+                self._judge(session, end)
         if done.chamber.commanded and not done.chamber.verified:
             log.error("the chamber's safe condition is not verified: %s", done.chamber.steps)
         reason = self._record(end, done.chamber)

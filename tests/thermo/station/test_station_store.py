@@ -1,5 +1,6 @@
 """A test whose store goes away under it: it goes on, limits are watched, and nothing is lost."""
 
+from collections.abc import Callable
 from contextlib import ExitStack
 
 import pytest
@@ -7,6 +8,7 @@ import pytest
 from errormodel.errors import InputError
 from tests.thermo.outages import away
 from tests.thermo.station.test_station_faults import SEQUENCE
+from thermo import station as station_module
 from thermo import store_bypass
 from thermo.sequence import parse_sequence
 from thermo.station import run_test
@@ -36,17 +38,20 @@ class Outage:
             return
         self._scans += 1
         if self._scans == self._end:
-            self._stack.close()
+            self.end()
         elif self._scans > self._begin:
             self.readings_while_away += self._end is None or self._scans < self._end
         elif self._scans == self._begin:
             self._stack.enter_context(away(self._url))
 
+    def end(self) -> None:
+        self._stack.close()
+
     def __enter__(self) -> "Outage":
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._stack.close()
+        self.end()
 
 
 def test_a_test_goes_on_without_its_store_and_nothing_is_lost(
@@ -89,6 +94,55 @@ def test_a_test_that_is_done_while_its_store_is_away_is_finished_with_a_complain
     with open_existing_store(store_url) as store:
         assert store.test(outcome.test_id).status == "finished"
         assert len(store.readings(outcome.test_id)) == outcome.readings == 2 * 2 * 28
+
+
+def test_the_chamber_is_made_safe_before_a_store_that_does_not_answer_is_asked(
+    short, station, world, store_url
+):
+    with open_spooled_store(store_url, patience_s=PATIENCE_S) as store:
+        with Outage(world, store_url, begin=40) as outage:
+            hook = world.hook
+
+            def give_back(name: str) -> None:
+                hook(name)
+                if name == "chamber.make_safe":
+                    outage.end()
+
+            world.hook = give_back
+            outcome = run_test(short, station, store, world.clock)
+        # asked before the clean-up it would have been given up, and the readings not be judged
+        assert outcome.clean, outcome
+        said = [e.text for e in store.events(outcome.test_id) if e.kind == "ramp"]
+    assert len(said) == 2 * 2  # both runs of both accelerometers
+    assert not any("not judged" in text for text in said)
+
+
+def test_between_two_questions_to_a_store_that_does_not_answer_the_chamber_is_looked_at(
+    short, station, world, store_url, monkeypatch
+):
+    monkeypatch.setattr(store_bypass, "READ_PATIENCE_S", 0.5)
+    asked: list[tuple[str, int]] = []
+
+    def note(name: str) -> Callable[..., object]:
+        real = getattr(station_module._Test, name)
+
+        def noted(*given: object) -> object:
+            result = real(*given)
+            asked.append((name, world.calls.count("chamber.read_temp_c")))
+            return result
+
+        return noted
+
+    for name in ("_judge_ramps", "_decide"):
+        monkeypatch.setattr(station_module._Test, name, note(name))
+    with (
+        open_spooled_store(store_url, patience_s=PATIENCE_S) as store,
+        Outage(world, store_url, begin=12),
+    ):
+        run_test(short, station, store, world.clock)
+    (_, before), (_, after), *_ = asked
+    assert [name for name, _ in asked[:2]] == ["_judge_ramps", "_decide"]
+    assert after == before + 1
 
 
 def test_a_limit_ends_the_test_while_the_store_is_away(
