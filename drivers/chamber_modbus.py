@@ -21,19 +21,7 @@ SafeStep = tuple[str, Callable[[], str]]
 class ModbusChamber(WatchedController, ABC):
     """A chamber with one temperature loop behind Modbus; the models derive from it.
 
-    Parameters
-    ----------
-    config : ChamberConfig
-        Model, link, limits and scaling.
-    name : str
-        The instrument's name, for messages.
-    permit, recognition
-        As for `drivers.chambers.open_chamber`.
-
-    Raises
-    ------
-    ValueError
-        If the URL cannot be understood or there is no map of the model.
+    It is made as `drivers.chamber_recognition.RecognisedController` is.
     """
 
     # ---- what a Device is

@@ -7,6 +7,7 @@ were not written, and until they are, the link lets no write through.
 
 import logging
 import struct
+import threading
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 
@@ -95,12 +96,13 @@ class RecognisedController(ControllerRegisters, ABC):
         self,
         config: ChamberConfig,
         *,
-        name: str,
+        name: str = "chamber",
         permit: Callable[[], None] | None = None,
         recognition: Evidence | None = None,
     ) -> None:
         super().__init__(config, name=name, permit=permit)
         self._limits = ChamberLimits(config, self._map, name=name)
+        self._commanding = threading.RLock()  # making safe must not be undone by a ramp half set
         self._known = dict(recognition or {})  # what it was recognised by before, here or elsewhere
 
     @property

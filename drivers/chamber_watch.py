@@ -4,14 +4,12 @@ What was written is verified by another register, the set point in force; what s
 the panel or over the network is told by comparing what was commanded with what is held.
 """
 
-import threading
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
-from drivers.chamber_recognition import Evidence, RecognisedController
+from drivers.chamber_recognition import RecognisedController
 from drivers.errors import DeviceError
-from drivers.station import ChamberConfig
 
 FOLLOW_S = 1.5  # real: a few control cycles, in which the loop takes up a new set point
 CYCLE_S = 0.05  # real: between two looks at it
@@ -19,33 +17,7 @@ _WORDS = {"setpoint": ("set point", " °C"), "ramp_rate": ("ramp rate", " °C/mi
 
 
 class WatchedController(RecognisedController, ABC):
-    """A controller whose set point in force and whose other masters are looked after.
-
-    Parameters
-    ----------
-    config : ChamberConfig
-        Model, link, limits and scaling.
-    name : str
-        The instrument's name, for messages.
-    permit, recognition
-        As for `drivers.chambers.open_chamber`.
-
-    Raises
-    ------
-    ValueError
-        If the URL cannot be understood or there is no map of the model.
-    """
-
-    def __init__(
-        self,
-        config: ChamberConfig,
-        *,
-        name: str = "chamber",
-        permit: Callable[[], None] | None = None,
-        recognition: Evidence | None = None,
-    ) -> None:
-        super().__init__(config, name=name, permit=permit, recognition=recognition)
-        self._commanding = threading.RLock()  # making safe must not be undone by a ramp half set
+    """A controller whose set point in force and whose other masters are looked after."""
 
     def read_occupation(self) -> tuple[str, ...]:
         """Read why the chamber is not free to be taken over; empty when it is."""

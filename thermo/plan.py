@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from drivers.station import StationConfig
 from errormodel.errors import InputError
 from thermo.legs import FloatArray, Leg, commanded_c, expand, lagged_c, leg_at
-from thermo.plan_bounds import PLAUSIBLE_C, unguarded, unprotecting
+from thermo.plan_bounds import PLAUSIBLE_C, SEQUENCE, STATION, beyond, unguarded, unprotecting
 from thermo.sequence import Positions, Sequence
 
 CASE_LAG_S = 300.0  # assumed: how slowly an accelerometer's case follows the programme
@@ -128,6 +128,7 @@ def make_plan(sequence: Sequence, station: StationConfig, source: str = "sequenc
     InputError
         When the station cannot do what the sequence asks, with the numbers.
     """
+    _check_bounds(sequence, station, source)
     legs = expand(sequence.temperature)
     period_s = sequence.sampling.period_s
     periods = legs[-1].end_s / period_s  # inf where a rate or a period is next to nothing
@@ -154,13 +155,20 @@ def make_plan(sequence: Sequence, station: StationConfig, source: str = "sequenc
         # beyond what a thermistor can show nothing would be limited
         accelerometer_limits_c=(max(own_c[0], PLAUSIBLE_C[0]), min(own_c[1], PLAUSIBLE_C[1])),
     )
-    if (problem := unprotecting(sequence) or unguarded(station)) is not None:
-        raise InputError(source, *problem)
     _check_wiring(plan, source)
     _check_temperatures(plan, source)
     _check_start(plan, way_s, source)
     _check_head(plan, source)
     return plan
+
+
+def _check_bounds(sequence: Sequence, station: StationConfig, source: str) -> None:
+    problem = beyond(sequence, SEQUENCE) or unprotecting(sequence)
+    if problem is not None:
+        raise InputError(source, *problem)
+    problem = beyond(station, STATION) or unguarded(station)
+    if problem is not None:
+        raise InputError(f"station {station.name!r}", *problem)
 
 
 def _scan_s(sequence: Sequence, station: StationConfig) -> float:

@@ -26,6 +26,7 @@ from sinscal.rigfile import RigFile
 from thermo.fitting import TermsFile
 from thermo.importing_map import LogMap
 from thermo.modelfile import ModelFile
+from thermo.plan_bounds import SEQUENCE, STATION, Bounds
 from thermo.recording import Sidecar
 from thermo.sequence import Sequence
 from thermo.store_schema import metadata
@@ -110,8 +111,8 @@ def _option(option: click.Option) -> tuple[str, str, str]:
     return f"`{names}{value}`", shown, option.help or ""
 
 
-def keys(model: type[BaseModel], name: str) -> Callable[[], str]:
-    """Return what makes the table of a file's keys."""
+def keys(model: type[BaseModel], name: str, bounds: Bounds | None = None) -> Callable[[], str]:
+    """Return what makes the table of a file's keys, with what a test may be begun with."""
 
     def table() -> str:
         schema = model.model_json_schema()
@@ -120,6 +121,9 @@ def keys(model: type[BaseModel], name: str) -> Callable[[], str]:
         for path, kind, default in _walk(schema, schema, ""):
             if any(path.startswith(f"{p}.") and known[p].startswith("As ") for p in used):
                 continue  # told elsewhere
+            if path in (bounds or {}):
+                least, most, _ = (bounds or {})[path]
+                kind += f"; in a plan {least:g} to {most:g}"
             rows.append((f"`{path}`", kind, default, known[path]))
             used.add(path)
         if unused := sorted(set(known) - used):
@@ -263,8 +267,8 @@ TABLES: dict[str, Callable[[], str]] = {
     "faults": faults,
     "registers": registers,
     "store": store,
-    "sequence": keys(Sequence, "sequence"),
-    "station": keys(StationConfig, "station"),
+    "sequence": keys(Sequence, "sequence", SEQUENCE),
+    "station": keys(StationConfig, "station", STATION),
     "mapping": keys(LogMap, "mapping"),
     "rigfile": keys(RigFile, "rigfile"),
     "sidecar": keys(Sidecar, "sidecar"),

@@ -1,14 +1,18 @@
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from pydantic import BaseModel
 
 from drivers.station import StationConfig
 from errormodel.errors import InputError
-from errormodel.files import read_toml
+from errormodel.files import check, read_toml
 from thermo.plan import coverage, make_plan, visit_order
+from thermo.plan_bounds import SEQUENCE
+from thermo.plan_bounds import STATION as STATION_BOUNDS
 from thermo.plan_text import plan_lines
 from thermo.sequence import Positions, Sequence, load_sequence, parse_sequence
 
@@ -181,6 +185,132 @@ def test_time_outs_that_leave_a_silent_controller_alone_for_hours_are_refused(
     data[section] |= changes
     with pytest.raises(InputError, match=r"guardian\.margin_s: .* relieved after .* 1800 s exp"):
         make_plan(parse_sequence(SHORT), StationConfig.model_validate(data), "seq.toml")
+
+
+# every key of both files that is a number, with a value of its own
+EVERY_KEY = """
+name = "all"
+accelerometers = [{serial = "QA-001", nominal_scale = 1.3, mount_deg = 90.0}]
+[temperature]
+start_c = 20.0
+start_tolerance_c = 0.5
+start_soak_min = 1.0
+start_timeout_min = 60.0
+approach_c_per_min = 1.0
+rest_h = 0.1
+rest = {temp_c = 25.0}
+segments = [
+    {kind = "hold", duration_min = 5.0, temp_c = 20.0},
+    {kind = "ramp", to_c = 26.0, rate_c_per_min = 2.0},
+    {kind = "cycle", low_c = 20.0, high_c = 26.0, rate_c_per_min = 2.0, soak_min = 1.0, count = 1},
+]
+[positions]
+angles_deg = [0.0, 90.0]
+readings_per_position = 2
+[sampling]
+period_s = 15.0
+settle_s = 0.5
+switch_s = 0.02
+[limits]
+chamber_c = [0.0, 50.0]
+accelerometer_c = [-10.0, 60.0]
+[uniformity]
+band_c_per_min = 0.1
+sins_self_heating = {time_min = [0.0, 10.0], temp_c = [20.0, 25.0]}
+[run_in]
+k0_limit_ug = 20.0
+k1_limit_ppm = 20.0
+"""
+SELF_HEATING_RATE = "sins_self_heating_rate_c_per_min"  # instead of the table
+WITH_FAULT = STATION.model_dump() | {
+    "emulation": {
+        "faults": [{"device": "chamber", "kind": "setpoint_changed", "at_s": 1.0}
+                   | {"duration_s": 5.0, "temp_c": 30.0}]
+    }
+}  # fmt: skip
+
+
+def numbers_in(data: object, place: tuple[str | int, ...] = ()) -> list[tuple[str | int, ...]]:
+    """Return the place of every number."""
+    if isinstance(data, dict):
+        return [p for name, value in data.items() for p in numbers_in(value, (*place, name))]
+    if isinstance(data, list | tuple):
+        return [p for index, value in enumerate(data) for p in numbers_in(value, (*place, index))]
+    return [place] if isinstance(data, int | float) and not isinstance(data, bool) else []
+
+
+def number_keys(kind: object, key: str = "") -> set[str]:
+    """Return the key of every number that a file of this kind can hold."""
+    if isinstance(kind, type) and issubclass(kind, BaseModel):
+        fields = kind.model_fields.items()
+        return {k for n, f in fields for k in number_keys(f.annotation, f"{key}.{n}".lstrip("."))}
+    if kind in (int, float):
+        return {key}
+    return {k for part in get_args(kind) for k in number_keys(part, key)}
+
+
+def replaced(data: object, place: tuple[str | int, ...], value: float) -> object:
+    """Return a copy of nested data with one value exchanged."""
+    if not place:
+        return value
+    first, rest = place[0], place[1:]
+    if isinstance(data, dict):
+        return data | {first: replaced(data[first], rest, value)}
+    assert isinstance(data, list | tuple)
+    return [replaced(v, rest, value) if i == first else v for i, v in enumerate(data)]
+
+
+def accept(kind: type[Sequence] | type[StationConfig], data: object) -> None:
+    if kind is Sequence:
+        make_plan(check(data, Sequence, "seq.toml"), STATION)
+    else:
+        make_plan(parse_sequence(EVERY_KEY), check(data, StationConfig, "station.toml"))
+
+
+@pytest.mark.parametrize(
+    ("kind", "data"),
+    [
+        (Sequence, parse_sequence(EVERY_KEY).model_dump(exclude_none=True)),
+        (StationConfig, StationConfig.model_validate(WITH_FAULT).model_dump(exclude_none=True)),
+    ],
+)
+def test_no_number_of_a_file_may_be_what_nothing_can_have(
+    kind: type[Sequence] | type[StationConfig], data: dict[str, object]
+) -> None:
+    accept(kind, data)
+    places = numbers_in(data)
+    keys = {".".join(str(p) for p in place if isinstance(p, str)) for place in places}
+    # positions of a segment are checked as the whole sequence's are
+    known = {k for k in number_keys(kind) if "segments.positions" not in k}
+    assert keys == known - {f"uniformity.{SELF_HEATING_RATE}"}
+    for place in places:
+        if place[-1] == "seed":  # any number is one
+            continue
+        number = data
+        for step in place:
+            number = number[step]
+        for value in (2**62, -(2**62)) if isinstance(number, int) else (1e308, -1e308):
+            with pytest.raises(InputError) as caught:
+                accept(kind, replaced(data, place, value))
+            assert "\n" not in str(caught.value), place
+
+
+@pytest.mark.parametrize(
+    ("kind", "bounds"), [(Sequence, SEQUENCE), (StationConfig, STATION_BOUNDS)]
+)
+def test_every_bound_belongs_to_a_number_of_the_file(
+    kind: type[BaseModel], bounds: dict[str, tuple[float, float, str]]
+) -> None:
+    assert set(bounds) <= number_keys(kind)
+    assert all(least < most for least, most, _ in bounds.values())
+
+
+def test_a_number_out_of_bounds_is_told_with_its_place_and_the_reason() -> None:
+    data = replaced(STATION.model_dump(), ("inputs", 1, "load_ohm"), 1e308)
+    with pytest.raises(InputError) as caught:
+        accept(StationConfig, data)
+    expected = "station 'f4t': inputs.1.load_ohm: 1e+308, expected 0.01…1e+07: "
+    assert str(caught.value).startswith(expected)
 
 
 def test_dry_run_text_says_what_matters() -> None:

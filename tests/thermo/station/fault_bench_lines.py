@@ -7,13 +7,14 @@ import re
 import select
 import threading
 import tty
+from abc import ABC, abstractmethod
 
 from fault_bench_plant import Log, Plant
 
 STEINHART = (0.001129148, 0.000234125, 8.76741e-08)
 
 
-class Line:
+class Line(ABC):
     """Something that answers lines on a pseudo-terminal."""
 
     def __init__(self, plant: Plant, log: Log, name: str) -> None:
@@ -50,8 +51,9 @@ class Line:
                     elif not self.gone:
                         os.write(self.master, answer.encode() + b"\r\n")
 
+    @abstractmethod
     def answers(self, line: str) -> list[str]:
-        raise NotImplementedError
+        """Return what is said to a line."""
 
 
 class Digitiser(Line):

@@ -18,6 +18,7 @@ import psycopg.rows
 
 import thermo.station_shell
 import workbench.commands_run
+from tests.thermo.station.there_and_stay import there_and_stay
 from workbench.cli import main as accelbench
 
 HERE = Path(__file__).parent
@@ -27,40 +28,27 @@ SAFE_C = 25.0
 SERIALS = ("QA-001", "QA-002")
 SLOTS = 16
 
-SEQUENCE = """
-name = "campaign"
-[[accelerometers]]
-serial = "QA-001"
-nominal_scale = 1.3
-[[accelerometers]]
-serial = "QA-002"
-nominal_scale = 1.3
-[temperature]
-start_c = 22.0
-[[temperature.segments]]
-kind = "hold"
-duration_min = 1.25
-[[temperature.segments]]
-kind = "ramp"
-to_c = 24.5
-rate_c_per_min = 1.6667
-[[temperature.segments]]
-kind = "hold"
-duration_min = 1.25
-[positions]
-angles_deg = [0.0, 90.0, 180.0, 270.0]
-[sampling]
-period_s = 15.0
-settle_s = 0.5
+SEQUENCE = there_and_stay(
+    serials=SERIALS,
+    start_c=22.0,
+    hold_min=1.25,
+    to_c=24.5,
+    rate_c_per_min=1.6667,
+    stay_min=1.25,
+    period_s=15.0,
+    angles_deg=(0.0, 90.0, 180.0, 270.0),
+    # half the slots may be bad: a loaded machine misses some at this speed
+    more="""settle_s = 0.5
 [limits]
 max_deviation_c = 1.5
 max_deviation_min = 1.0
 stuck_c = 1.0
 max_failure_s = 60.0
-max_bad_share = 0.5  # a loaded machine misses slots at this speed
+max_bad_share = 0.5
 [after_gap]
 resoak_min = 0.3
-"""
+""",
+)
 
 STATION = """
 name = "campaign"

@@ -6,35 +6,26 @@ import pytest
 from drivers.clock import SteppedClock
 from drivers.station import FaultConfig, StationConfig
 from drivers.thermistor import ohm_from_temp_c
+from tests.thermo.station.there_and_stay import there_and_stay
 from thermo.sequence import parse_sequence
 from thermo.station_emulated import default_station, run_emulated
 from thermo.store import open_store
 from thermo.twin import make_plant
 
-SEQUENCE = """
-name = "faults"
-accelerometers = [{serial = "A", nominal_scale = 1.3}, {serial = "B", nominal_scale = 1.3}]
-[temperature]
-start_c = 23.0
-[[temperature.segments]]
-kind = "hold"
-duration_min = 1.0
-[[temperature.segments]]
-kind = "ramp"
-to_c = 33.0
-rate_c_per_min = 2.0
-[[temperature.segments]]
-kind = "hold"
-duration_min = 1.0
-[positions]
-angles_deg = [0.0, 90.0, 180.0, 270.0]
-[sampling]
-period_s = 15.0
-[limits]
+SEQUENCE = there_and_stay(
+    serials="AB",
+    hold_min=1.0,
+    to_c=33.0,
+    rate_c_per_min=2.0,
+    stay_min=1.0,
+    period_s=15.0,
+    angles_deg=(0.0, 90.0, 180.0, 270.0),
+    more="""[limits]
 chamber_c = [0.0, 45.0]
 max_deviation_c = 4.0
 max_deviation_min = 1.0
-"""
+""",
+)
 # seconds of the emulation: the approach takes some 100 s, the ramp is from then 60 to 360
 IN_RAMP_S = 220.0
 REPLIES = (

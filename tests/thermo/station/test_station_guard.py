@@ -26,6 +26,7 @@ from tests.thermo.station.processes import (
     serving,
     setpoint_c,
 )
+from tests.thermo.station.there_and_stay import there_and_stay
 from thermo import guardian_process, making_safe
 from thermo.chamber_lock import ChamberHeldError, find_holder
 from thermo.commanded_note import Commanded, forget_commanded, note_commanded, read_commanded
@@ -50,27 +51,9 @@ from workbench.cli import main
 ROOT = Path(__file__).parents[3]
 SPEED = 60.0
 SILENCE_S = "3"  # real; three times what a loaded machine was seen to keep a process waiting
-SEQUENCE = """
-name = "guarded"
-accelerometers = [{serial = "A", nominal_scale = 1.3}]
-[temperature]
-start_c = 23.0
-repeats = 1
-[[temperature.segments]]
-kind = "hold"
-duration_min = 0.5
-[[temperature.segments]]
-kind = "ramp"
-to_c = 45.0
-rate_c_per_min = 0.5
-[[temperature.segments]]
-kind = "hold"
-duration_min = 300.0
-[positions]
-angles_deg = [0.0, 90.0]
-[sampling]
-period_s = 60.0
-"""
+SEQUENCE = there_and_stay(
+    serials="A", hold_min=0.5, to_c=45.0, rate_c_per_min=0.5, stay_min=300.0, period_s=60.0
+)
 
 
 @pytest.fixture(scope="module")

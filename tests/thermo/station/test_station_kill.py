@@ -17,6 +17,7 @@ from tests.thermo.station.processes import (
     serving,
     setpoint_c,
 )
+from tests.thermo.station.there_and_stay import there_and_stay
 from thermo.guardian import Charge
 from thermo.guardian_process import Guardian
 from thermo.guardian_record import GuardianRecord, read_record
@@ -24,30 +25,15 @@ from thermo.guardian_results import collect_result, result_file
 from thermo.guarding import take_lock
 from thermo.store import NewTest, open_store
 
-SEQUENCE = """
-name = "kill"
-accelerometers = [{serial = "A", nominal_scale = 1.3}, {serial = "B", nominal_scale = 1.3}]
-[temperature]
-start_c = 23.0
-repeats = 1
-[[temperature.segments]]
-kind = "hold"
-duration_min = 2.0
-[[temperature.segments]]
-kind = "ramp"
-to_c = 25.0
-rate_c_per_min = 1.0
-[[temperature.segments]]
-kind = "hold"
-duration_min = 2.0
-[positions]
-angles_deg = [0.0, 90.0]
-[sampling]
-period_s = 10.0
-[after_gap]
-gap_rule = "resoak"
-resoak_min = 1.0
-"""
+SEQUENCE = there_and_stay(
+    serials="AB",
+    hold_min=2.0,
+    to_c=25.0,
+    rate_c_per_min=1.0,
+    stay_min=2.0,
+    period_s=10.0,
+    more="[after_gap]\nresoak_min = 1.0",
+)
 
 
 @pytest.fixture(scope="module")
