@@ -23,7 +23,7 @@ import numpy as np
 from scipy import optimize, stats
 
 from errormodel.arrays import FloatArray, IntArray
-from errormodel.blocks import block_slices
+from errormodel.columns import Columns
 from errormodel.noise import NoiseModel
 from errormodel.record import Record
 
@@ -64,18 +64,18 @@ class RunEffect:
     noise_by_run: tuple[float, ...]
 
 
-def run_grams(record: Record, noise: NoiseModel, joint: FloatArray) -> FloatArray:
-    """Return the Gram matrix of each run's whitened columns, shape (runs, m, m)."""
-    width = joint.shape[1]
-    grams: list[FloatArray] = []
-    for run in record.run_slices:
-        gram, whitening = np.zeros((width, width)), noise.whitening(width)
-        for part in block_slices(run.stop - run.start):
-            rows = slice(run.start + part.start, run.start + part.stop)
-            white = whitening.whiten(record.view(rows), joint[rows])
-            gram += white.T @ white
-        grams.append(gram / noise.white**2)
-    return np.array(grams)
+def run_grams(
+    record: Record, noise: NoiseModel, columns: Columns, residual: FloatArray
+) -> FloatArray:
+    """Return the Gram matrix of each run's whitened columns and residual, (runs, p + 1, p + 1)."""
+    width = columns.shape[1] + 1
+    grams = np.zeros((len(record.run_slices), width, width))
+    whitening = [noise.whitening(width) for _ in record.run_slices]
+    for number, rows, block in columns.parts_of_runs():
+        joint = np.column_stack([block, residual[rows]])
+        white = whitening[number].whiten(record.view(rows), joint)
+        grams[number] += white.T @ white
+    return grams / noise.white**2
 
 
 def estimate_run_effects(

@@ -10,8 +10,9 @@ from dataclasses import replace
 import numpy as np
 
 from errormodel.arrays import FloatArray
+from errormodel.columns import Columns
 from errormodel.compressed import triangle_of
-from errormodel.fit import ModelFit, derivative
+from errormodel.fit import ModelFit
 from thermo.linearised import Linearised
 
 # The shift by noise in the temperature is second order in it: below this share of the
@@ -55,14 +56,15 @@ def temperature_noise_moves(line: Linearised, sigma_c: float) -> FloatArray:
     fit, values = line.fit, line.fit.as_dict()
     step = STEP_SHARE * float(np.ptp(x))
     above, below = (line.record.with_signals(x_c=x + s * step) for s in (1.0, -1.0))
-    by_x = (derivative(fit.model, above, values) - derivative(fit.model, below, values)) / (
-        2 * step
-    )
     up, down = (fit.model.simulate(r, values) for r in (above, below))
     middle = fit.model.simulate(line.record, values)
     slope, bend = (up - down) / (2 * step), (up - 2 * middle + down) / step**2
-    pull = by_x.T @ slope + 0.5 * (line.columns.T @ bend)
-    noisy = triangle_of(line.columns * (sigma_c * slope)[:, None])
+    by_x = [Columns(fit.model, r, values).transposed_times(slope) for r in (above, below)]
+    pull = (by_x[0] - by_x[1]) / (2 * step) + 0.5 * line.columns.transposed_times(bend)
+    noisy: FloatArray | None = None
+    for rows, block in line.columns.blocks():
+        noisy = triangle_of(block * (sigma_c * slope[rows])[:, None], noisy)
+    assert noisy is not None  # a fit has readings
     return np.column_stack([sigma_c**2 * line.by_normal(pull), line.by_normal(noisy.T)])
 
 

@@ -189,8 +189,8 @@ def _told(
         channel = own
     holdout = tuple(r for r in everything.run_ids if r not in kept)
     referred = _times_k1(found, 1.0 / k1)
-    line = with_run_effects(linearised(referred, channel.record))
     predicted = held_out(referred, own, holdout)
+    line = with_run_effects(linearised(referred, channel.record))
     if terms.head_arcsec:
         line = replace(line, fit=with_head_accuracy(line.fit, channel.record, terms.head_arcsec))
     lost = selection.not_separable if selection else ()

@@ -10,8 +10,8 @@ import numpy as np
 from scipy import linalg
 
 from errormodel.arrays import FloatArray
-from errormodel.compressed import triangle_of
-from errormodel.fit import ModelFit, derivative
+from errormodel.columns import Columns
+from errormodel.fit import ModelFit
 from errormodel.noise import NoiseModel
 from errormodel.record import Record
 from errormodel.run_effects import RunEffect
@@ -28,7 +28,7 @@ class Linearised:
     fit : ModelFit
     record : Record
         That was fitted, with its output.
-    columns : ndarray, shape (n, p)
+    columns : Columns, shape (n, p)
     residual : ndarray, shape (n,)
     run_directions : ndarray, shape (p, q)
         What may differ from run to run, each as a change of the coefficients.
@@ -37,14 +37,14 @@ class Linearised:
 
     fit: ModelFit
     record: Record
-    columns: FloatArray
+    columns: Columns
     residual: FloatArray
     run_directions: FloatArray
     run_effects: tuple[RunEffect, ...] = ()
     _inverse: FloatArray = field(init=False)
 
     def __post_init__(self) -> None:
-        triangle = triangle_of(self.columns)
+        triangle = self.columns.triangle()
         norms = np.linalg.norm(triangle, axis=0)
         norms = np.where(norms > 0, norms, 1.0)
         root = linalg.pinv(triangle / norms) / norms[:, None]
@@ -57,7 +57,7 @@ class Linearised:
 
     def moved(self, added: FloatArray) -> FloatArray:
         """Return how far something added to the output (n, m) moves the estimates (p, m)."""
-        return self._inverse @ (self.columns.T @ added)
+        return self._inverse @ self.columns.transposed_times(added)
 
     def by_normal(self, pull: FloatArray) -> FloatArray:
         """Return how far changes of the normal equations' right side move the estimates."""
@@ -65,7 +65,8 @@ class Linearised:
 
     def left(self, added: FloatArray) -> FloatArray:
         """Return what the estimates do not take up of something added to the output."""
-        return np.asarray(added - self.columns @ self.moved(added))
+        taken = self.columns @ self.moved(added)
+        return np.subtract(added, taken, out=taken)
 
     def variance(self, weights: FloatArray) -> FloatArray:
         """Return the covariance of sums of readings with weights (n, m), shape (m, m)."""
@@ -73,21 +74,21 @@ class Linearised:
         total = noise.white**2 * (weights.T @ weights)
         if noise.drift > 0:
             total = total + noise.drift**2 * drift_product(self.record, noise.drift_tau_s, weights)
+        along = self.columns @ self.run_directions if self.run_effects else np.empty((0, 0))
         for k, effect in enumerate(self.run_effects):
             for rows in self.record.run_slices:
-                seen = weights[rows].T @ (self.columns[rows] @ self.run_directions[:, k])
+                seen = weights[rows].T @ along[rows, k]
                 total = total + effect.mean_sigma**2 * np.outer(seen, seen)
         return np.asarray(total)
 
     def run_moves(self, k: int) -> FloatArray:
         """Return how far effect k in each run moves the estimates, shape (p, runs)."""
         along = self.columns @ self.run_directions[:, k]
-        each = [self.columns[r].T @ along[r] for r in self.record.run_slices]
-        return np.asarray(self._inverse @ np.array(each).T)
+        return np.asarray(self._inverse @ self.columns.by_run(along).T)
 
     def share(self, k: int) -> FloatArray:
         """Return the weights of the coefficients that give the mean of effect k, shape (p,)."""
-        metric = self.columns.T @ (self.columns @ self.run_directions[:, k])
+        metric = self.columns.transposed_times(self.columns @ self.run_directions[:, k])
         return np.asarray(metric / (self.run_directions[:, k] @ metric))
 
     def by_temperature(self) -> FloatArray:
@@ -98,12 +99,11 @@ class Linearised:
 def linearised(fit: ModelFit, record: Record) -> Linearised:
     """Return a fit with its derivative, and the directions in which its runs may differ."""
     values = fit.as_dict()
-    columns = derivative(fit.model, record, values)
     residual = np.asarray(record.output) - fit.model.simulate(record, values)
     return Linearised(
         fit=fit,
         record=record,
-        columns=columns,
+        columns=Columns(fit.model, record, values),
         residual=residual,
         run_directions=_run_directions(fit),
     )

@@ -37,11 +37,10 @@ def with_run_effects(line: Linearised) -> Linearised:
     names = run_names(line.fit)
     if len(line.record.run_slices) < 2 or not names:
         return line
-    joint = np.column_stack([line.columns, line.residual])
     moves = [line.run_moves(k) for k in range(len(names))]
     shares = [line.share(k) for k in range(len(names))]
     effects = estimate_run_effects(
-        run_grams(line.record, line.noise, joint),
+        run_grams(line.record, line.noise, line.columns, line.residual),
         line.run_directions,
         names,
         np.array([float(np.sum((s @ m) ** 2)) for s, m in zip(shares, moves, strict=True)]),

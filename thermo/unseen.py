@@ -11,7 +11,7 @@ from math import comb
 import numpy as np
 
 from errormodel.arrays import FloatArray
-from errormodel.fit import derivative
+from errormodel.columns import Columns
 from thermo.inputs import Channel
 from thermo.linearised import Linearised
 from thermo.next_order import FAMILIES, UNSEEN_SIGMAS
@@ -63,7 +63,7 @@ def unseen_orders(line: Linearised, channel: Channel, *, outside: bool) -> tuple
     """
     flat = settled(channel)
     still = line.record.with_signals(x_c=flat)
-    columns = derivative(line.fit.model, still, line.fit.as_dict())
+    columns = Columns(line.fit.model, still, line.fit.as_dict())
     centre = 0.5 * float(flat.min() + flat.max())
     found: list[Unseen] = []
     for family in FAMILIES:
@@ -72,28 +72,30 @@ def unseen_orders(line: Linearised, channel: Channel, *, outside: bool) -> tuple
         if family not in names or orders != list(range(1, len(orders) + 1)):
             continue
         gain = line.fit.value("k1") if family == "k1" else 1.0
-        base = columns[:, names.index(family)] * gain
+        base = columns @ (gain * np.eye(len(names))[names.index(family)])
         for order in range(len(orders) + 1, MAX_ORDER + 1):
             usual = LINEAR[family] * QUARTER ** (order - 1) / SCALE_C**order
             effect = base * (flat - centre) ** order
-            limit = UNSEEN_SIGMAS * _sigma(line, columns, effect)
+            absorbed = _absorbed(columns, effect)
+            limit = UNSEEN_SIGMAS * _sigma(line, effect, columns @ absorbed)
             if outside or usual < UNLIMITED * limit:
-                moved = _absorbed(columns, effect) * min(usual, limit)
                 size = min(usual, limit)
-                found.append(_unseen(line, family, order, centre, size, moved))
+                found.append(_unseen(line, family, order, centre, size, absorbed * size))
     return tuple(found)
 
 
-def _absorbed(columns: FloatArray, effect: FloatArray) -> FloatArray:
-    norms = np.linalg.norm(columns, axis=0)
+def _absorbed(columns: Columns, effect: FloatArray) -> FloatArray:
+    """Return the coefficients that take up an effect: rotations keep every length and angle."""
+    triangle = columns.triangle(effect[:, None])
+    norms = np.linalg.norm(triangle[:, :-1], axis=0)
     norms = np.where(norms > 0, norms, 1.0)
-    scaled = np.asarray(columns / norms, dtype=np.float64)
-    return np.asarray(np.linalg.lstsq(scaled, effect, rcond=1e-9)[0] / norms)
+    scaled = np.asarray(triangle[:, :-1] / norms, dtype=np.float64)
+    return np.asarray(np.linalg.lstsq(scaled, triangle[:, -1], rcond=1e-9)[0] / norms)
 
 
-def _sigma(line: Linearised, columns: FloatArray, effect: FloatArray) -> float:
+def _sigma(line: Linearised, effect: FloatArray, taken: FloatArray) -> float:
     """Return how well the readings would give the effect's size, infinite when not at all."""
-    left = effect - columns @ _absorbed(columns, effect)
+    left = effect - taken
     length2 = float(left @ left)
     if length2 <= 1e-10 * float(effect @ effect):
         return float("inf")

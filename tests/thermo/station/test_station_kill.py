@@ -90,7 +90,8 @@ def kill_and_resume(bench, kills: int, seed: int) -> int:
             break
     else:
         lines = Controller(*bench, test_id).end()
-        assert lines[-1] == "outcome finished True all runs done", lines[-3:]
+        # a slot lasts 33 ms: a loaded machine misses some, and that is a complaint
+        assert lines[-1].startswith("outcome finished True all runs done"), lines[-3:]
     test_id = newest_test(bench[3])
     assert status_of(bench[3], test_id) == "finished"
     with open_store(bench[3]) as store:

@@ -1,0 +1,101 @@
+"""The derivative of a model over a record, which need not stand whole.
+
+A recording of millions of readings has no room for a dozen columns of them beside its own. They
+are evaluated block by block whenever they are multiplied with something; short ones are kept.
+"""
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+from numpy.typing import DTypeLike
+
+from errormodel.arrays import FloatArray
+from errormodel.blocks import block_slices
+from errormodel.compressed import triangle_of
+from errormodel.fit import derivative
+from errormodel.model import ErrorModel
+from errormodel.record import Record
+
+KEPT = 1 << 18  # readings: twenty columns of them take 42 MB
+
+
+class Columns:
+    """The derivative of a model's output by its unknowns, shape (n, p), as a matrix to multiply.
+
+    Parameters
+    ----------
+    model : ErrorModel
+        With nonlinear parameters the columns are kept: each needs the whole record twice.
+    record : Record
+    values : mapping of str to float
+        Where the derivative is taken.
+    """
+
+    __array_ufunc__ = None  # an array on the left leaves the product to `__rmatmul__`
+
+    def __init__(self, model: ErrorModel, record: Record, values: Mapping[str, float]) -> None:
+        self._model, self._record, self._values = model, record, dict(values)
+        self.shape = (len(record), len(model.names))
+        kept = bool(model.parameters) or len(record) <= KEPT
+        self._whole = derivative(model, record, values) if kept else None
+
+    def blocks(self) -> Iterator[tuple[slice, FloatArray]]:
+        """Yield the readings of each block with their columns."""
+        if self._whole is not None:
+            for rows in block_slices(self.shape[0]):
+                yield rows, self._whole[rows]
+            return
+        for rows, design in self._model.designs(self._record, self._values):
+            yield rows, self._model.linearised(design, self._values)[1]
+
+    def parts_of_runs(self) -> Iterator[tuple[int, slice, FloatArray]]:
+        """Yield the columns of readings that are of one block and one run, with the run."""
+        runs = self._record.run_slices
+        for rows, block in self.blocks():
+            for number, run in enumerate(runs):
+                begin, end = max(run.start, rows.start), min(run.stop, rows.stop)
+                if begin < end:
+                    yield number, slice(begin, end), block[begin - rows.start : end - rows.start]
+
+    def __matmul__(self, right: FloatArray) -> FloatArray:
+        """Return the sum of the columns with these factors, (p,) or (p, m)."""
+        if self._whole is not None:
+            return np.asarray(self._whole @ right)
+        product = np.empty((self.shape[0], *right.shape[1:]))
+        for rows, block in self.blocks():
+            product[rows] = block @ right
+        return product
+
+    def __rmatmul__(self, left: FloatArray) -> FloatArray:
+        """Return an array (n,) or (m, n) times the columns."""
+        return self.transposed_times(left.T).T
+
+    def transposed_times(self, right: FloatArray) -> FloatArray:
+        """Return the products of each column with an array (n,) or (n, m)."""
+        if self._whole is not None:
+            return np.asarray(self._whole.T @ right)
+        total = np.zeros((self.shape[1], *right.shape[1:]))
+        for rows, block in self.blocks():
+            total += block.T @ right[rows]
+        return total
+
+    def by_run(self, right: FloatArray) -> FloatArray:
+        """Return the products of each column with an array (n,), run by run, (runs, p)."""
+        total = np.zeros((len(self._record.run_slices), self.shape[1]))
+        for number, rows, block in self.parts_of_runs():
+            total[number] += block.T @ right[rows]
+        return total
+
+    def triangle(self, *beside: FloatArray) -> FloatArray:
+        """Return R of the QR factorisation of the columns with others (n, m) at their right."""
+        triangle: FloatArray | None = None
+        for rows, block in self.blocks():
+            joint = np.hstack([block, *(one[rows] for one in beside)]) if beside else block
+            triangle = triangle_of(joint, triangle)
+        return np.zeros((0, self.shape[1])) if triangle is None else triangle
+
+    def __array__(self, dtype: DTypeLike = None, copy: bool | None = None) -> FloatArray:
+        """Return the columns whole."""
+        if self._whole is not None:
+            return np.array(self._whole, dtype=dtype) if copy else self._whole
+        return derivative(self._model, self._record, self._values)
