@@ -18,7 +18,7 @@ from sinscal.recording_rows import (
     fail,
     flags,
     interpolated,
-    refuse_infinite,
+    refuse_impossible,
     require_filled,
     stretches,
     temperatures,
@@ -67,7 +67,7 @@ def build_rig(raw: RawTable, facts: RigFacts) -> RigRun:
     InputError
         Naming the first row at fault.
     """
-    refuse_infinite(raw)
+    refuse_impossible(raw)
     require_filled(raw, "time_s", "cycle")
     cycle = cycles_of(raw)
     check_times(raw, cycle)

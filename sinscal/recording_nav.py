@@ -12,7 +12,7 @@ from sinscal.recording_rows import (
     check_times,
     cycles_of,
     fail,
-    refuse_infinite,
+    refuse_impossible,
     require_filled,
     temperatures,
 )
@@ -63,7 +63,7 @@ def build_nav(raw: RawTable, facts: RigFacts, body_axes: BodyAxes) -> NavRun:
     InputError
         Naming the first row at fault.
     """
-    refuse_infinite(raw)
+    refuse_impossible(raw)
     require_filled(raw, *REQUIRED)
     cycle = cycles_of(raw)
     check_times(raw, cycle)

@@ -8,6 +8,9 @@ from errormodel.tables import RawTable
 from sinscal.run import AXES, BoolArray
 
 GOOD_FLAGS = frozenset({"", "0", "0.0", "ok"})
+# In the units of the columns no angle, force, time or height comes near it, and its square and the
+# sums of that stay far from overflow; 9.9e37 is what instruments give for an overload.
+LARGEST = 1e12
 TEMP_RANGE_C = (-100.0, 200.0)  # no sensor works outside; kelvin stands out
 
 
@@ -22,12 +25,20 @@ def stretches(mask: BoolArray) -> list[tuple[int, int]]:
     return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
 
-def refuse_infinite(raw: RawTable) -> None:
-    """Raise InputError at the first cell that is infinite."""
+def refuse_impossible(raw: RawTable) -> None:
+    """Raise InputError at the first cell that is infinite or beyond all that is ever recorded."""
     for name, values in raw.number.items():
-        bad = np.isinf(values)
+        bad = np.abs(values) > LARGEST
         if bad.any():
-            raise fail(raw, int(np.argmax(bad)), f"{name} is infinite, expected a finite number")
+            row = int(np.argmax(bad))
+            if np.isinf(values[row]):
+                raise fail(raw, row, f"{name} is infinite, expected a finite number")
+            raise fail(
+                raw,
+                row,
+                f"{name} {values[row]:g}, expected {LARGEST:g} at most; where an instrument tells "
+                "an overload so, leave the cell empty",
+            )
 
 
 def require_filled(raw: RawTable, *names: str) -> None:

@@ -109,6 +109,8 @@ def test_increments_are_the_same_run(tmp_path):
         (HEADER + rows([0.01, 0.02]) + rows([1], 1) + rows([2]), "line 5", "cycle 0 again"),
         (HEADER + rows([0.01]) + ",0,0,0,0,0,0,9.8\n", "line 3", "time_s is empty"),
         (HEADER + rows([0.01, 0.02], gyro="inf,0,0"), "line 2", "gyro_x is infinite"),
+        (HEADER + rows([0.01, 0.02], gyro="0,9.9e37,0"), "line 2", r"gyro_y 9\.9e\+37"),
+        (HEADER + rows([0.01, 0.02], gyro="0,0,-1e308"), "line 2", r"gyro_z -1e\+308"),
         (HEADER + rows([0.01, 0.02], gyro="a,0,0"), "line 2", "gyro_x 'a', expected a number"),
         (HEADER + rows([0.01]) + "0.02,0.5,0,0,0,0,0,9.8\n", "line 3", "cycle 0.5"),
         (HEADER.replace("gyro_z", "gyro_q") + rows([0, 1]), "header", "no column gyro_z"),

@@ -1,9 +1,11 @@
 import datetime as dt
+import os
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from errormodel import memory
 from errormodel.errors import InputError
 from thermo.importing import import_log
 from thermo.recording import RecordedRuns, read_runs, write_runs
@@ -49,6 +51,21 @@ def test_a_plain_log(tmp_path):
     np.testing.assert_array_equal(record.output, [0.1, 0.2, 0.3])
     assert (record.output_unit, record.gravity_m_s2, record.nominal_scale) == ("V", 9.81, 1.2)
     assert not record.has_input
+
+
+def test_a_log_that_would_not_fit_is_refused_with_its_size_before_it_is_read(tmp_path, monkeypatch):
+    monkeypatch.setattr(memory, "available_bytes", lambda: 8 * 10**9)
+    log = LOG + "8,23,0.4,4,ok\n" * 1000
+    assert len(run(tmp_path, log=log.replace("8,23", "{},23")
+                   .format(*range(8, 1008)))) == 1003  # fmt: skip
+    os.truncate(tmp_path / "log.txt", 40 * 10**9)  # a hole: read, it would take all there is
+    with pytest.raises(InputError) as caught:
+        import_log(tmp_path / "log.txt", tmp_path / "map.toml")
+    text = str(caught.value)
+    assert "40 GB of log" in text
+    assert "8 GB are available" in text
+    assert "rows of 5 cells" in text
+    assert "\n" not in text
 
 
 def test_everything_at_once(tmp_path):
