@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from errormodel import blocks
-from errormodel.fit import fit, fit_values
+from errormodel import blocks, columns
+from errormodel.fit import derivative, fit, fit_values
 from errormodel.model import ErrorModel
 from errormodel.noise import NoiseModel
 from errormodel.record import Record
@@ -45,6 +45,34 @@ def test_memory_is_carried_from_block_to_block_and_not_from_run_to_run(monkeypat
     in_blocks = model.linearise(record, values)
     assert_allclose(in_blocks[0], output, rtol=1e-14, atol=1e-17)
     assert_allclose(in_blocks[1], derivative, rtol=1e-13, atol=1e-15)
+
+
+@pytest.mark.parametrize("block", [64, 700, 999])
+def test_columns_that_are_evaluated_in_blocks_multiply_as_the_whole_does(monkeypatch, block):
+    model, record, values = long_record()
+    # nonlinear parameters are differenced over the whole record: a model without them
+    model = ErrorModel(tuple(t for t in model.terms if not t.parameters))
+    whole = derivative(model, record, values)
+    monkeypatch.setattr(blocks, "BLOCK", block)
+    monkeypatch.setattr(columns, "KEPT", 0)
+    parted = columns.Columns(model, record, values)
+    assert parted.shape == whole.shape
+    rng = np.random.default_rng(0)
+    one, many = rng.standard_normal(len(record)), rng.standard_normal((len(record), 3))
+    factors = rng.standard_normal((whole.shape[1], 2))
+    # of sums of 1400 terms of order one
+    close = {"rtol": 1e-12, "atol": 1e-10}
+    assert_allclose(parted @ factors, whole @ factors, **close)
+    assert_allclose(parted @ factors[:, 0], whole @ factors[:, 0], **close)
+    assert_allclose(parted.transposed_times(one), whole.T @ one, **close)
+    assert_allclose(parted.transposed_times(many), whole.T @ many, **close)
+    assert_allclose(one @ parted, one @ whole, **close)
+    assert_allclose(many.T @ parted, many.T @ whole, **close)
+    assert_allclose(np.asarray(parted), whole, rtol=1e-13, atol=1e-15)
+    by_run = [whole[rows].T @ one[rows] for rows in record.run_slices]
+    assert_allclose(parted.by_run(one), by_run, **close)
+    triangle, joint = parted.triangle(many), np.hstack([whole, many])
+    assert_allclose(triangle.T @ triangle, joint.T @ joint, rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.parametrize("block", [333, 700])

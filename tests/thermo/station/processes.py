@@ -52,7 +52,7 @@ class Controller:
     def is_stopped(self) -> bool:
         return process_state(self.process.pid)[0] == "stopped"
 
-    def wait_for(self, start: str, patience_s: float = 30) -> None:
+    def wait_for(self, start: str, patience_s: float = 180) -> None:
         give_up = time.monotonic() + patience_s
         while not any(line.startswith(start) for line in self.lines):
             assert time.monotonic() < give_up, self.lines[-5:]
