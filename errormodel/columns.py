@@ -94,7 +94,7 @@ class Columns:
             triangle = triangle_of(joint, triangle)
         return np.zeros((0, self.shape[1])) if triangle is None else triangle
 
-    def __array__(self, dtype: DTypeLike = None, copy: bool | None = None) -> FloatArray:
+    def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> FloatArray:
         """Return the columns whole."""
         if self._whole is not None:
             return np.array(self._whole, dtype=dtype) if copy else self._whole

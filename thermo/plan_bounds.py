@@ -6,6 +6,7 @@ sides, nothing stands here.
 """
 
 from collections.abc import Iterator
+from typing import cast
 
 from pydantic import BaseModel
 
@@ -85,10 +86,10 @@ STATION: Bounds = {
 def _numbers(data: object, key: str = "", place: str = "") -> Iterator[tuple[str, str, float]]:
     """Yield the key of every number, the place of it with its list's index, and the number."""
     if isinstance(data, dict):
-        for name, value in data.items():
+        for name, value in cast(dict[str, object], data).items():
             yield from _numbers(value, f"{key}.{name}", f"{place}.{name}")
     elif isinstance(data, list | tuple):
-        for index, value in enumerate(data):
+        for index, value in enumerate(cast(list[object], data)):
             yield from _numbers(value, key, f"{place}.{index}")
     elif isinstance(data, int | float) and not isinstance(data, bool):
         yield key.removeprefix("."), place.removeprefix("."), data

@@ -2,7 +2,7 @@
 
 import logging
 import platform
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from collections.abc import Sequence as Many
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -184,7 +184,7 @@ class _Test:
         return outcome
 
     @contextmanager
-    def _telling(self, end: _End) -> Iterator[None]:
+    def _telling(self, end: _End) -> Generator[None]:
         """Make an exception the reason of the end; what says that nothing was begun goes on."""
         try:
             yield
