@@ -17,12 +17,12 @@ priors need no unit.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Literal
 
 import numpy as np
 
-from errormodel.arrays import FloatArray, IntArray, freeze, readonly
+from errormodel.arrays import BoolArray, FloatArray, IntArray, freeze, readonly
 
 Law = Literal["exponential", "hyperbolic"]
 
@@ -108,6 +108,8 @@ class Draws:
         Further cycles after which it never again changes by more than the limit.
     slow : ndarray, shape (m,)
         What a slow process beside the relaxation will change within `HORIZON` cycles.
+    plain : ndarray of bool, shape (m,)
+        Whether nothing slower than the relaxation goes on.
     """
 
     kappa: FloatArray
@@ -117,31 +119,45 @@ class Draws:
     future: FloatArray
     needed: IntArray
     slow: FloatArray
+    plain: BoolArray
 
     def joined(self, other: "Draws", share: float) -> "Draws":
         """Return these draws with a share of them in place of those of another law."""
         mine = round((1.0 - share) * self.needed.size)
         both = {
             name: np.concatenate([getattr(self, name)[:mine], getattr(other, name)[mine:]])
-            for name in ("kappa", "amplitude", "final", "past", "future", "needed", "slow")
+            for name in (f.name for f in fields(Draws))
         }
         return Draws(**both)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class _Grid:
-    """The Gaussian posterior under every hypothesis for one series, in limits.
+class _Hypotheses:
+    """What the rivals under a law say beforehand of estimates with given sigmas, in limits.
 
     The coefficients are c∞, A, A times the deviation of ln κ from the grid, and B.
     """
 
-    series: Series
     shape: FloatArray  # (g, n + HORIZON + 1): A's g(k/κ), the last 0; 0 where nothing relaxes
     bend: FloatArray  # (g, n + HORIZON + 1): the derivative of `shape` by ln κ
     slow: FloatArray  # (g, n + HORIZON + 1): B's v(k)
+    slow_size: FloatArray  # (g,) 1 sigma of B
     slip: FloatArray  # (g, n + HORIZON + 1): standard deviation of the slip before each cycle
     slip_cov: FloatArray  # (g, n, n) of the slips so far
     inverse: FloatArray  # (g, n, n) of the estimates' covariance
+    weighed: FloatArray  # (g, 4, n): the columns' transpose times `inverse`
+    gram: FloatArray  # (g, 4, 4): `weighed` times the columns
+    log_det: FloatArray  # (g,) of the estimates' covariance
+    log_prior: FloatArray  # (g,)
+    plain: BoolArray  # (g,) nothing slow goes on
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class _Grid:
+    """The Gaussian posterior under every hypothesis for one series, in limits."""
+
+    series: Series
+    hypotheses: _Hypotheses
     shifted: FloatArray  # (n,) estimates less the last one
     mean: FloatArray  # (g, 4)
     precision: FloatArray  # (g, 4, 4)
@@ -182,7 +198,7 @@ class Relaxing:
         return tuple(drawn)
 
 
-def weigh(series: Sequence[Series], law: Law) -> Relaxing:
+def weigh(series: Sequence[Series], law: Law, *, slow: bool = True) -> Relaxing:
     """Infer the coefficients of one accelerometer under a law.
 
     Parameters
@@ -190,8 +206,10 @@ def weigh(series: Sequence[Series], law: Law) -> Relaxing:
     series : sequence of Series
         Of one length; their κ are near one another (`KAPPA_SPREAD`).
     law : {"exponential", "hyperbolic"}
+    slow : bool
+        Whether what is slower than the relaxation is weighed too; else it is taken not to be there.
     """
-    grids = tuple(_posterior(one, law) for one in series)
+    grids = tuple(_posterior(one, law, slow) for one in series)
     near = np.exp(-0.5 * (np.log(KAPPA[:, None] / KAPPA) / KAPPA_SPREAD) ** 2)
     log_near = np.log(near / near.sum(axis=1, keepdims=True) + 1e-300)
     of_each = [np.logaddexp.reduce(log_near + grid.by_kappa, axis=1) for grid in grids]
@@ -225,7 +243,7 @@ class _Rival:
     log_prior: float
 
 
-def _rivals(quiet: float) -> list[_Rival]:
+def _rivals(quiet: float, weigh_slow: bool) -> list[_Rival]:
     """Return the hypotheses for each κ."""
     kicks, scatters = (
         np.geomspace(min(lo, quiet), hi, m).tolist() for lo, hi, m in (KICK, SCATTER)
@@ -235,7 +253,7 @@ def _rivals(quiet: float) -> list[_Rival]:
     slow += [(kappa, size, 0.0, each) for kappa in SLOW_KAPPA for size in SLOW_SIZE]
     slow += [(0.0, 0.0, q, (1.0 - NOT_SLOW - SLOW) / len(WALK)) for q in WALK]
     found: list[_Rival] = []
-    for kappa, size, walk, prior in slow:
+    for kappa, size, walk, prior in slow if weigh_slow else slow[:1]:
         # beside what is slow every other h and ρ do
         thin = slice(None) if kappa == walk == 0.0 else slice(0, None, 2)
         hs, rhos = kicks[thin], scatters[thin]
@@ -261,65 +279,76 @@ def law_bend(law: Law, cycle: FloatArray, kappa: FloatArray) -> FloatArray:
     return ratio * np.exp(-ratio) if law == "exponential" else ratio / (1.0 + ratio) ** 2
 
 
-def _posterior(series: Series, law: Law) -> _Grid:
-    n = series.values.size
-    quiet = QUIET * max(float(np.min(series.sigmas)) / series.limit, 1e-6)
-    rivals = _rivals(quiet)
+def _hypotheses(law: Law, sigmas: tuple[float, ...], weigh_slow: bool) -> _Hypotheses:
+    """Lay out every hypothesis for estimates with these sigmas, in limits."""
+    n = len(sigmas)
+    rivals = _rivals(QUIET * max(min(sigmas), 1e-6), weigh_slow)
     cycle = np.arange(n + HORIZON + 1, dtype=float)
     ahead = law_shape(law, cycle, KAPPA[:, None])
-    ahead[:, -1] = 0.0
+    bent = law_bend(law, cycle, KAPPA[:, None])
+    ahead[:, -1] = bent[:, -1] = 0.0
     relaxes, kick, walk, scatter = (
         np.array([getattr(r, name) for r in rivals], dtype=float)
         for name in ("relaxes", "kick", "walk", "scatter")
     )
     each = (KAPPA.size, len(rivals), cycle.size)
     shape = (ahead[:, None, :] * relaxes[:, None]).reshape(-1, cycle.size)
-    bent = law_bend(law, cycle, KAPPA[:, None])
-    bent[:, -1] = 0.0
     bend = (bent[:, None, :] * relaxes[:, None]).reshape(-1, cycle.size)
     slip = (np.hypot(kick[:, None] * ahead[:, None, :], walk[:, None])).reshape(-1, cycle.size)
     of_rival = np.array([slow_shape(cycle, r.slow_kappa) for r in rivals])
     slow = np.broadcast_to(of_rival, each).reshape(-1, cycle.size)
-    scatter = np.tile(scatter, KAPPA.size)
     sums = np.cumsum(np.where(np.arange(n) > 0, slip[:, :n] ** 2, 0.0), axis=1)
     slip_cov = sums[:, np.minimum.outer(np.arange(n), np.arange(n))]
-    error = np.diag((series.sigmas / series.limit) ** 2)
-    cov = slip_cov + error + scatter[:, None, None] ** 2 * np.eye(n)
+    scattered = np.tile(scatter, KAPPA.size)[:, None, None] ** 2 * np.eye(n)
+    cov = slip_cov + np.diag(np.square(sigmas)) + scattered
     inverse = np.linalg.inv(cov)
-    shifted = (series.values - series.values[-1]) / series.limit
-    size = max(AMPLITUDE_LIMITS, AMPLITUDE_SEEN * float(np.ptp(shifted)))
-    slow_size = np.tile([r.slow_size or 1.0 for r in rivals], KAPPA.size)
-    between = float(np.log(KAPPA[1] / KAPPA[0]) / np.sqrt(12.0))  # uniform over a step
-    prior = np.stack(
-        [
-            np.full(slow_size.size, 1.0 / (LEVEL_WIDER * size) ** 2),
-            np.full(slow_size.size, 1.0 / size**2),
-            np.full(slow_size.size, 1.0 / (between * max(float(np.ptp(shifted)), 1.0)) ** 2),
-            1.0 / slow_size**2,
-        ],
-        axis=1,
-    )
     ones = np.ones_like(shape[:, :n])
     columns = np.stack([ones, shape[:, :n], bend[:, :n], slow[:, :n]], axis=2)
     weighed = columns.transpose(0, 2, 1) @ inverse
-    precision = weighed @ columns + prior[:, :, None] * np.eye(4)
-    target = weighed @ shifted
-    mean = np.asarray(np.linalg.solve(precision, target[:, :, None]), dtype=float)[:, :, 0]
-    chi2 = inverse @ shifted @ shifted - (target * mean).sum(axis=1)
-    log_det = _log_det(cov) + _log_det(precision) - np.log(prior).sum(axis=1)
-    log_prior = np.tile([r.log_prior for r in rivals], KAPPA.size)
-    return _Grid(
-        series=series,
+    return _Hypotheses(
         shape=shape,
         bend=bend,
         slow=slow,
+        slow_size=np.tile([r.slow_size or 1.0 for r in rivals], KAPPA.size),
         slip=slip,
         slip_cov=slip_cov,
         inverse=inverse,
+        weighed=weighed,
+        gram=weighed @ columns,
+        log_det=_log_det(cov),
+        log_prior=np.tile([r.log_prior for r in rivals], KAPPA.size),
+        plain=np.tile([r.slow_kappa == r.walk == 0.0 for r in rivals], KAPPA.size),
+    )
+
+
+def _posterior(series: Series, law: Law, weigh_slow: bool) -> _Grid:
+    made = _hypotheses(law, tuple((series.sigmas / series.limit).tolist()), weigh_slow)
+    shifted = (series.values - series.values[-1]) / series.limit
+    seen = float(np.ptp(shifted))
+    size = max(AMPLITUDE_LIMITS, AMPLITUDE_SEEN * seen)
+    between = float(np.log(KAPPA[1] / KAPPA[0]) / np.sqrt(12.0))  # uniform over a step
+    same = np.ones_like(made.slow_size)
+    prior = np.stack(
+        [
+            same / (LEVEL_WIDER * size) ** 2,
+            same / size**2,
+            same / (between * max(seen, 1.0)) ** 2,
+            1.0 / made.slow_size**2,
+        ],
+        axis=1,
+    )
+    precision = made.gram + prior[:, :, None] * np.eye(4)
+    target = made.weighed @ shifted
+    mean = np.asarray(np.linalg.solve(precision, target[:, :, None]), dtype=float)[:, :, 0]
+    chi2 = made.inverse @ shifted @ shifted - (target * mean).sum(axis=1)
+    log_det = made.log_det + _log_det(precision) - np.log(prior).sum(axis=1)
+    return _Grid(
+        series=series,
+        hypotheses=made,
         shifted=shifted,
         mean=mean,
         precision=precision,
-        log_weight=(log_prior - 0.5 * (log_det + chi2)).reshape(KAPPA.size, -1),
+        log_weight=(made.log_prior - 0.5 * (log_det + chi2)).reshape(KAPPA.size, -1),
     )
 
 
@@ -331,19 +360,21 @@ def _log_det(cov: FloatArray) -> FloatArray:
 
 def _drawn(grid: _Grid, kappa: IntArray, at: IntArray, rng: np.random.Generator) -> Draws:
     """Draw coefficients, slips so far and slips to come under the hypotheses given."""
-    n, limit = grid.shifted.size, grid.series.limit
-    root = np.linalg.cholesky(np.linalg.inv(grid.precision[at]))
+    n, limit, made = grid.shifted.size, grid.series.limit, grid.hypotheses
+    used, of = np.unique(at, return_inverse=True)
+    of = of.ravel()
+    root = np.linalg.cholesky(np.linalg.inv(grid.precision[used]))[of]
     found = grid.mean[at] + (root @ rng.standard_normal((at.size, 4, 1)))[:, :, 0]
     level, size, apart, slow = found.T[:, :, None]
-    way = size * grid.shape[at] + apart * grid.bend[at] + slow * grid.slow[at]
+    way = size * made.shape[at] + apart * made.bend[at] + slow * made.slow[at]
     curve = level + way[:, :n]
-    inverse, slip_cov = grid.inverse[at], grid.slip_cov[at]
-    slipped = (slip_cov @ inverse @ (grid.shifted - curve)[:, :, None])[:, :, 0]
-    to_last = slip_cov[:, -1:]
-    known = (to_last @ inverse @ to_last.transpose(0, 2, 1))[:, 0, 0]
-    left = np.maximum(slip_cov[:, -1, -1] - known, 0.0)
+    slip_cov = made.slip_cov[used]
+    gain = slip_cov @ made.inverse[used]
+    slipped = (gain[of] @ (grid.shifted - curve)[:, :, None])[:, :, 0]
+    known = (gain[:, -1:] @ slip_cov[:, :, -1:])[:, 0, 0]
+    left = np.maximum(slip_cov[:, -1, -1] - known, 0.0)[of]
     last = curve[:, -1] + slipped[:, -1] + np.sqrt(left) * rng.standard_normal(at.size)
-    slips = grid.slip[at, n:] * rng.standard_normal((at.size, HORIZON + 1))
+    slips = made.slip[at, n:] * rng.standard_normal((at.size, HORIZON + 1))
     change = way[:, n:] - way[:, n - 1 : n] + np.cumsum(slips, axis=1)
     future = np.column_stack([np.zeros(at.size), change])
     offset = grid.series.values[-1]
@@ -354,7 +385,8 @@ def _drawn(grid: _Grid, kappa: IntArray, at: IntArray, rng: np.random.Generator)
         past=offset + limit * (curve + slipped),
         future=limit * future,
         needed=cycles_needed(future, 1.0),
-        slow=limit * (slow * (grid.slow[at, n:] - grid.slow[at, n - 1 : n]))[:, -1],
+        slow=limit * (slow * (made.slow[at, n:] - made.slow[at, n - 1 : n]))[:, -1],
+        plain=made.plain[at],
     )
 
 

@@ -168,7 +168,12 @@ def _jumps(series: Series) -> list[Jump]:
 
 
 def judge_run_in(
-    serial: str, series: Sequence[Series], *, confidence: float = 0.95, window: int = WINDOW
+    serial: str,
+    series: Sequence[Series],
+    *,
+    confidence: float = 0.95,
+    window: int = WINDOW,
+    nothing_slow: bool = False,
 ) -> RunInVerdict:
     """Judge one accelerometer's run-in from its estimates of every cycle.
 
@@ -181,6 +186,8 @@ def judge_run_in(
         That the verdict "settled" is right.
     window : int
         Cycles at either end that make the instability before and after.
+    nothing_slow : bool
+        Assume that nothing slower than the relaxation goes on, instead of weighing it.
 
     Returns
     -------
@@ -194,7 +201,8 @@ def judge_run_in(
     lengths = {one.values.size for one in series}
     if len(lengths) != 1 or not 0.5 < confidence < 1:
         raise ValueError(f"series of {sorted(lengths)} cycles, confidence {confidence}")
-    exponential, hyperbolic = weigh(series, "exponential"), weigh(series, "hyperbolic")
+    exponential = weigh(series, "exponential", slow=not nothing_slow)
+    hyperbolic = weigh(series, "hyperbolic", slow=not nothing_slow)
     ratio = hyperbolic.log_evidence - exponential.log_evidence
     better, other = (hyperbolic, exponential) if ratio > 0 else (exponential, hyperbolic)
     under = better.draw(DRAWS, np.random.default_rng(SEED))
