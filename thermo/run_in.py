@@ -15,14 +15,15 @@ from scipy import stats
 
 from errormodel.arrays import FloatArray, IntArray
 from thermo.relaxation import HORIZON, Draws, Law, Series, weigh
+from thermo.run_in_signs import DailySwing, Jump, daily_swing, jumps_of
 
 DRAWS = 3000  # a probability of 0.95 is then known to 0.004
 SEED = 1  # the same estimates always give the same verdict
 MIN_CYCLES = 3
+FEWEST_DRAWS = 100  # that agree with an assumption, for a probability under it
 EXCLUDED = 3.0  # a law is excluded at odds of 20, of which this is the logarithm
 # So many cycles at either end make the instability before and after, fewer when there are fewer.
 WINDOW = 4
-JUMP_SIGMAS, JUMP_TIMES = 4.0, 1.5  # of noise; times what the cycle before changed by
 SCATTER_TOLD = 0.25  # of the limit: two cycles then differ by a third of it and more
 
 
@@ -57,16 +58,6 @@ class Relaxation:
     cycles_needed: tuple[int, int | None]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Jump:
-    """A sudden change of a coefficient; `cycle` counts from 1 and is the first one changed."""
-
-    coefficient: str
-    unit: str
-    cycle: int
-    size: float
-
-
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class RunInVerdict:
     """What is known of one accelerometer's run-in after its last cycle.
@@ -91,6 +82,12 @@ class RunInVerdict:
     cycles_needed : (int, int or None)
         Fewer than the first or more than the second are needed with a probability of at most
         1 − `confidence` each. None: more than `thermo.relaxation.HORIZON`.
+    nothing_slow : bool
+        Whether it was assumed that nothing slower than the relaxation goes on.
+    settled_if_nothing_slow : float or None
+        `settled_probability` under that assumption; None where the cycles leave it no weight.
+    swings : tuple of DailySwing
+        Coefficients that follow the time of day.
     """
 
     serial: str
@@ -103,31 +100,54 @@ class RunInVerdict:
     confidence: float
     settled: bool
     cycles_needed: tuple[int, int | None]
+    nothing_slow: bool
+    settled_if_nothing_slow: float | None
+    swings: tuple[DailySwing, ...]
 
     @property
     def sentence(self) -> str:
         """The verdict in one line."""
-        risk = 100 * (1 - self.confidence)
         jumped = "".join(
             f"; {j.coefficient.upper()} jumped by {j.size:+.3g} {j.unit} in cycle {j.cycle}"
             for j in self.jumps
         )
+        swung = "".join(f"; {s.sentence}, not counted" for s in self.swings)
         if self.settled:
             what = f"settled after {self.cycles} cycles: no further change above the limits"
-            left = max(1 - self.settled_probability, 1 / DRAWS)  # no draw tells of a smaller one
+            assumed = (
+                "if nothing slower than the relaxation goes on (assumed)"
+                if self.nothing_slow
+                else "unless something begins that has not begun to show"
+            )
             return (
-                f"{self.serial}: {what}, risk {100 * left:.2g} %, unless something begins that has "
-                f"not begun to show{self._scatter_text()}{jumped}"
+                f"{self.serial}: {what}, risk {_percent(self.settled_probability)}, {assumed}"
+                f"{self._scatter_text()}{swung}{jumped}"
             )
         return (
             f"{self.serial}: not settled after {self.cycles} cycles; cycles still needed: "
-            f"{needed_text(self.cycles_needed)} (risk {risk:.2g} % on either side){jumped}"
+            f"{needed_text(self.cycles_needed)} (risk {100 * (1 - self.confidence):.2g} % on "
+            f"either side){self._if_text()}{swung}{jumped}"
         )
+
+    def _if_text(self) -> str:
+        """Say that it has settled unless something slow goes on, which the cycles may yet show."""
+        probability = self.settled_if_nothing_slow
+        if self.nothing_slow or probability is None or probability < self.confidence:
+            return ""
+        return (
+            f"; settled (risk {_percent(probability)}) if nothing slower than the relaxation goes "
+            "on, which so few cycles cannot exclude"
+        )
+
+    @property
+    def scale_fitted(self) -> bool:
+        """Whether µg are over each cycle's own K1; else over the nominal scale factor."""
+        return any(c.series.name == "k1" for c in self.coefficients)
 
     @property
     def jumps(self) -> tuple[Jump, ...]:
         """Changes from one cycle to the next that no relaxation makes, and noise hardly."""
-        return tuple(j for c in self.coefficients for j in _jumps(c.series))
+        return tuple(j for c in self.coefficients for j in jumps_of(c.series))
 
     def _scatter_text(self) -> str:
         """Tell a scatter of single cycles that their own sigmas do not explain."""
@@ -145,28 +165,6 @@ class RunInVerdict:
         )
 
 
-def _jumps(series: Series) -> list[Jump]:
-    """Return the changes above the limit that are larger than the one before them.
-
-    What relaxes changes by less and less.
-    """
-    change = np.diff(series.values)
-    sigma = np.hypot(series.sigmas[1:], series.sigmas[:-1])
-    usual = np.abs(change[:-1]) + JUMP_SIGMAS * sigma[1:]
-    far = (np.abs(change[1:]) > series.limit) & (np.abs(change[1:]) > JUMP_TIMES * usual)
-    # the way back from one odd cycle is no jump of its own
-    far[1:] &= ~far[:-1]
-    return [
-        Jump(
-            coefficient=series.name,
-            unit=series.unit,
-            cycle=int(k) + 3,
-            size=float(change[k + 1]),
-        )
-        for k in np.flatnonzero(far)
-    ]
-
-
 def judge_run_in(
     serial: str,
     series: Sequence[Series],
@@ -174,6 +172,7 @@ def judge_run_in(
     confidence: float = 0.95,
     window: int = WINDOW,
     nothing_slow: bool = False,
+    hours: FloatArray | None = None,
 ) -> RunInVerdict:
     """Judge one accelerometer's run-in from its estimates of every cycle.
 
@@ -188,6 +187,8 @@ def judge_run_in(
         Cycles at either end that make the instability before and after.
     nothing_slow : bool
         Assume that nothing slower than the relaxation goes on, instead of weighing it.
+    hours : ndarray, shape (n,), optional
+        Time of each cycle, h: then a daily swing is sought.
 
     Returns
     -------
@@ -214,21 +215,36 @@ def judge_run_in(
         draws = tuple(a.joined(b, share) for a, b in zip(under, rest, strict=True))
     needed = _of_all(draws)
     probability = float(np.count_nonzero(needed == 0) / needed.size)
+    plain = np.all([one.plain for one in draws], axis=0)
     low, high = _interval(needed, confidence)
+    coefficients = tuple(
+        _relaxation(s, d, confidence, window) for s, d in zip(series, draws, strict=True)
+    )
+    swings = (
+        () if hours is None else (daily_swing(c.series, hours, c.kappa[0]) for c in coefficients)
+    )
     return RunInVerdict(
         serial=serial,
         cycles=lengths.pop(),
         law=better.law,
         log_evidence_ratio=ratio,
         other_law_needs=other_needs,
-        coefficients=tuple(
-            _relaxation(s, d, confidence, window) for s, d in zip(series, draws, strict=True)
-        ),
+        coefficients=coefficients,
         settled_probability=probability,
         confidence=confidence,
         settled=probability >= confidence,
         cycles_needed=(low, high),
+        nothing_slow=nothing_slow,
+        settled_if_nothing_slow=(
+            float(np.mean(needed[plain] == 0)) if np.count_nonzero(plain) >= FEWEST_DRAWS else None
+        ),
+        swings=tuple(s for s in swings if s),
     )
+
+
+def _percent(probability: float) -> str:
+    """Write the risk that is left; no draw tells of one smaller than its share."""
+    return f"{100 * max(1 - probability, 1 / DRAWS):.2g} %"
 
 
 def needed_text(needed: tuple[int, int | None]) -> str:

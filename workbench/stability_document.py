@@ -55,8 +55,8 @@ def definition(result: Stability) -> str:
     temperatures = " and ".join(f"{t:g} °C" for t in result.at_c)
     return (
         f"{DEFINITION} Here: {len(result.order)} runs; 1 σ between runs with the estimation's own "
-        f"variance taken out, and max − min of the runs; reference temperature {temperatures}; µg over "
-        "the K1 of all runs of an accelerometer. "
+        f"variance taken out, and max − min of the runs; reference temperature {temperatures}; "
+        "µg over the K1 of all runs of an accelerometer. "
         + " ".join(f"{text}." for text in between_sentences(result.intervals))
     )
 
