@@ -60,8 +60,11 @@ def test_noise_is_as_fit_tells_it_and_without_k1_the_scale_is_said_to_be_nominal
     assert one.runs.noise.white == pytest.approx(fitted.noise.white, rel=0.1)
     still = [one_run(np.random.default_rng(k), "A", f"r{k}", n=60) for k in range(2)]
     frame = pd.concat(still).drop(columns="position_deg")
-    frame["output"] = NOMINAL * (1.0 + 1e-6 * np.random.default_rng(3).standard_normal(len(frame)))
-    blind = make_runs(frame, output_unit="mA", gravity_m_s2=9.80665, nominal_scale=NOMINAL, run_start_utc={})  # fmt: skip
+    noise = np.random.default_rng(3).standard_normal(len(frame))
+    frame["output"] = NOMINAL * (1.0 + 1e-6 * noise)
+    blind = make_runs(
+        frame, output_unit="mA", gravity_m_s2=9.80665, nominal_scale=NOMINAL, run_start_utc={}
+    )
     (unscaled,) = judge_stability(blind).accelerometers
     assert not unscaled.runs.scale_fitted
     assert any("over the nominal scale" in note for note in unscaled.notes)
