@@ -14,7 +14,8 @@ import numpy as np
 from scipy import stats
 
 from errormodel.arrays import FloatArray, IntArray
-from thermo.relaxation import HORIZON, Draws, Law, Series, weigh
+from thermo.relaxation import Draws, Series, weigh
+from thermo.relaxation_rivals import HORIZON, Law
 from thermo.run_in_signs import DailySwing, Jump, daily_swing, jumps_of
 
 DRAWS = 3000  # a probability of 0.95 is then known to 0.004
@@ -81,7 +82,7 @@ class RunInVerdict:
         Whether `settled_probability` reaches `confidence`.
     cycles_needed : (int, int or None)
         Fewer than the first or more than the second are needed with a probability of at most
-        1 − `confidence` each. None: more than `thermo.relaxation.HORIZON`.
+        1 − `confidence` each. None: more than `thermo.relaxation_rivals.HORIZON`.
     nothing_slow : bool
         Whether it was assumed that nothing slower than the relaxation goes on.
     settled_if_nothing_slow : float or None

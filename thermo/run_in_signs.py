@@ -6,7 +6,8 @@ import numpy as np
 from scipy import stats
 
 from errormodel.arrays import FloatArray
-from thermo.relaxation import Series, law_bend, law_shape
+from thermo.relaxation import Series
+from thermo.relaxation_rivals import law_bend, law_shape
 
 JUMP_SIGMAS, JUMP_TIMES = 4.0, 1.5  # of noise; times what the cycle before changed by
 DAY_H = 24.0

@@ -15,7 +15,8 @@ from errormodel.arrays import FloatArray
 from tests.thermo.run_in_examples import LIMIT, SIGMA, series_of
 from tests.thermo.stability_examples import SIX, one_run, recorded
 from thermo import relaxation, run_in
-from thermo.relaxation import HORIZON, cycles_needed
+from thermo.relaxation import cycles_needed
+from thermo.relaxation_rivals import HORIZON, lay_out
 from thermo.stability import judge_stability
 from thermo.stability_shape import Shape
 
@@ -182,7 +183,7 @@ def run_in_coverage(
     wrong, told, more, fewer = 0, 0, 0, 0
     with pytest.MonkeyPatch.context() as patch:
         # estimates with the same sigmas share all that the readings do not enter
-        patch.setattr(relaxation, "_hypotheses", lru_cache(maxsize=2)(relaxation._hypotheses))
+        patch.setattr(relaxation, "lay_out", lru_cache(maxsize=2)(lay_out))
         patch.setattr(run_in, "DRAWS", 600)  # a probability of 0.95 is then known to 0.009
         for n in looks:
             for s in sorted(going):
