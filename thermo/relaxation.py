@@ -7,13 +7,25 @@ the grid cannot hold). All is in units of the limit, so that the priors need no 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
 from errormodel.arrays import BoolArray, FloatArray, IntArray, freeze, readonly
-from thermo.relaxation_rivals import HORIZON, KAPPA, Hypotheses, Law, lay_out, log_det_of
+from thermo.relaxation_rivals import (
+    CREEP,
+    HORIZON,
+    KAPPA,
+    PLAIN,
+    SECOND,
+    WALKS,
+    Hypotheses,
+    Law,
+    lay_out,
+    log_det_of,
+)
 
+NEVER = -1e300  # logarithm of no weight at all
 # Prior of A: so many limits, or so many times what was seen, whichever is more.
 AMPLITUDE_LIMITS, AMPLITUDE_SEEN = 50.0, 3.0
 LEVEL_WIDER = 20.0  # c∞ is known that much less than A beforehand
@@ -122,6 +134,13 @@ class _Grid:
         """The logarithm of the weight of each κ."""
         return np.logaddexp.reduce(self.log_weight, axis=1)
 
+    def of_kind(self, kind: int) -> tuple["_Grid", float]:
+        """Return the posterior where one kind of slow process goes on, and its prior's log."""
+        log_prior = self.hypotheses.log_prior[self.hypotheses.kind == kind]
+        other = (self.hypotheses.kind != kind).reshape(self.log_weight.shape)
+        alone = replace(self, log_weight=np.where(other, NEVER, self.log_weight))
+        return alone, float(np.logaddexp.reduce(log_prior))
+
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Relaxing:
@@ -144,12 +163,44 @@ class Relaxing:
     def draw(self, count: int, rng: np.random.Generator) -> tuple[Draws, ...]:
         """Draw pasts and futures, one `Draws` for each series."""
         centre = _choose(np.broadcast_to(self.of_centre, (count, KAPPA.size)), rng)
-        drawn: list[Draws] = []
+        return tuple(self._drawn(grid, centre, rng) for grid in self.grids)
+
+    def _drawn(self, grid: _Grid, centre: IntArray, rng: np.random.Generator) -> Draws:
+        kappa = _choose((self.log_near + grid.by_kappa)[centre], rng)
+        rest = _choose(grid.log_weight[kappa], rng)
+        return _drawn(grid, kappa, kappa * grid.log_weight.shape[1] + rest, rng)
+
+    def slow_kinds(
+        self, count: int, rng: np.random.Generator, excluded: float
+    ) -> tuple[tuple[Draws, ...], ...]:
+        """Draw, for each series, futures under every kind of slow process that is not excluded.
+
+        A kind is excluded where the estimates are exp(`excluded`) times likelier with nothing slow
+        in this series. Of estimates that come from the kind, that is so in exp(−`excluded`) or less
+        (Markov's inequality), whatever share the kind was given beforehand.
+        """
+        found: list[tuple[Draws, ...]] = []
         for grid in self.grids:
-            kappa = _choose((self.log_near + grid.by_kappa)[centre], rng)
-            rest = _choose(grid.log_weight[kappa], rng)
-            drawn.append(_drawn(grid, kappa, kappa * grid.log_weight.shape[1] + rest, rng))
-        return tuple(drawn)
+            others = self.of_centre - self._near(grid)
+            plain, prior = grid.of_kind(PLAIN)
+            against = float(np.logaddexp.reduce(others + self._near(plain))) - prior
+            mine: list[Draws] = []
+            for kind in (SECOND, CREEP, WALKS):
+                alone, prior = grid.of_kind(kind)
+                by_centre = others + self._near(alone)
+                if float(np.logaddexp.reduce(by_centre)) - prior >= against - excluded:
+                    centre = _choose(np.broadcast_to(by_centre, (count, KAPPA.size)), rng)
+                    mine.append(self._drawn(alone, centre, rng))
+            found.append(tuple(mine))
+        return tuple(found)
+
+    def _near(self, grid: _Grid) -> FloatArray:
+        """Return the logarithm of the weight of a series, by the κ that its own lies around."""
+        return _around(self.log_near, grid)
+
+
+def _around(log_near: FloatArray, grid: _Grid) -> FloatArray:
+    return np.logaddexp.reduce(log_near + grid.by_kappa, axis=1)
 
 
 def weigh(series: Sequence[Series], law: Law, *, slow: bool = True) -> Relaxing:
@@ -163,11 +214,14 @@ def weigh(series: Sequence[Series], law: Law, *, slow: bool = True) -> Relaxing:
     slow : bool
         Whether what is slower than the relaxation is weighed too; else it is taken not to be there.
     """
-    grids = tuple(_posterior(one, law, slow) for one in series)
+    sigmas = [tuple((one.sigmas / one.limit).tolist()) for one in series]
+    # estimates with the same sigmas share all that their values do not enter
+    laid = {s: lay_out(law, s, slow) for s in set(sigmas)}
+    grids = tuple(_posterior(one, laid[s]) for one, s in zip(series, sigmas, strict=True))
     near = np.exp(-0.5 * (np.log(KAPPA[:, None] / KAPPA) / KAPPA_SPREAD) ** 2)
     log_near = np.log(near / near.sum(axis=1, keepdims=True) + 1e-300)
-    of_each = [np.logaddexp.reduce(log_near + grid.by_kappa, axis=1) for grid in grids]
-    return Relaxing(law=law, grids=grids, log_near=log_near, of_centre=np.sum(of_each, axis=0))
+    of_centre = np.sum([_around(log_near, grid) for grid in grids], axis=0)
+    return Relaxing(law=law, grids=grids, log_near=log_near, of_centre=of_centre)
 
 
 def _choose(log_weight: FloatArray, rng: np.random.Generator) -> IntArray:
@@ -178,8 +232,7 @@ def _choose(log_weight: FloatArray, rng: np.random.Generator) -> IntArray:
     return np.asarray((below < level[:, None]).sum(axis=1), dtype=np.intp)
 
 
-def _posterior(series: Series, law: Law, weigh_slow: bool) -> _Grid:
-    made = lay_out(law, tuple((series.sigmas / series.limit).tolist()), weigh_slow)
+def _posterior(series: Series, made: Hypotheses) -> _Grid:
     shifted = (series.values - series.values[-1]) / series.limit
     seen = float(np.ptp(shifted))
     size = max(AMPLITUDE_LIMITS, AMPLITUDE_SEEN * seen)
@@ -237,7 +290,7 @@ def _drawn(grid: _Grid, kappa: IntArray, at: IntArray, rng: np.random.Generator)
         future=limit * future,
         needed=cycles_needed(future, 1.0),
         slow=limit * (slow * (made.slow[at, n:] - made.slow[at, n - 1 : n]))[:, -1],
-        plain=made.plain[at],
+        plain=made.kind[at] == PLAIN,
     )
 
 

@@ -17,9 +17,10 @@ from typing import Literal
 
 import numpy as np
 
-from errormodel.arrays import BoolArray, FloatArray
+from errormodel.arrays import FloatArray, IntArray
 
 Law = Literal["exponential", "hyperbolic"]
+PLAIN, SECOND, CREEP, WALKS = range(4)  # kinds of what is slow; nothing is, in the first
 
 KAPPA = np.geomspace(0.5, 60.0, 32)  # cycles
 KICK = (0.05, 20.0, 4)  # h, in limits: from, to, how many
@@ -54,7 +55,7 @@ class Hypotheses:
     gram: FloatArray  # (g, 4, 4): `weighed` times the columns
     log_det: FloatArray  # (g,) of the estimates' covariance
     log_prior: FloatArray  # (g,)
-    plain: BoolArray  # (g,) nothing slow goes on
+    kind: IntArray  # (g,) of what is slow: 0 nothing, 1 a second process, 2 creep, 3 a random walk
 
 
 def law_shape(law: Law, cycle: FloatArray, kappa: FloatArray) -> FloatArray:
@@ -87,6 +88,13 @@ class _Rival:
     slow_size: float
     walk: float
     log_prior: float
+
+    @property
+    def kind(self) -> int:
+        """Which kind of slow process it is, as in `Hypotheses`."""
+        if self.slow_kappa > 0.0:
+            return CREEP if np.isinf(self.slow_kappa) else SECOND
+        return WALKS if self.walk > 0.0 else PLAIN
 
 
 def _rivals(quiet: float, weigh_slow: bool) -> list[_Rival]:
@@ -150,7 +158,7 @@ def lay_out(law: Law, sigmas: tuple[float, ...], weigh_slow: bool) -> Hypotheses
         gram=weighed @ columns,
         log_det=log_det_of(cov),
         log_prior=np.tile([r.log_prior for r in rivals], KAPPA.size),
-        plain=np.tile([r.slow_kappa == r.walk == 0.0 for r in rivals], KAPPA.size),
+        kind=np.tile([r.kind for r in rivals], KAPPA.size),
     )
 
 

@@ -21,7 +21,8 @@ from thermo.run_in_signs import DailySwing, Jump, daily_swing, jumps_of
 DRAWS = 3000  # a probability of 0.95 is then known to 0.004
 SEED = 1  # the same estimates always give the same verdict
 MIN_CYCLES = 3
-FEWEST_DRAWS = 100  # that agree with an assumption, for a probability under it
+KIND_DRAWS = 400  # under each kind of slow process: the upper end needs no more
+LEAST_PLAIN = 0.05  # share of the draws in which nothing slow goes on, for figures under that
 EXCLUDED = 3.0  # a law is excluded at odds of 20, of which this is the logarithm
 # So many cycles at either end make the instability before and after, fewer when there are fewer.
 WINDOW = 4
@@ -81,8 +82,12 @@ class RunInVerdict:
     settled : bool
         Whether `settled_probability` reaches `confidence`.
     cycles_needed : (int, int or None)
-        Fewer than the first or more than the second are needed with a probability of at most
-        1 − `confidence` each. None: more than `thermo.relaxation_rivals.HORIZON`.
+        Fewer than the first or more than the second are needed with a risk of 1 − `confidence`
+        each, whatever goes on of what the cycles do not exclude. None: more than
+        `thermo.relaxation_rivals.HORIZON`.
+    needed_if_nothing_slow : (int, int or None) or None
+        The same if nothing slower than the relaxation goes on; None where the cycles leave that no
+        weight.
     nothing_slow : bool
         Whether it was assumed that nothing slower than the relaxation goes on.
     settled_if_nothing_slow : float or None
@@ -103,6 +108,7 @@ class RunInVerdict:
     cycles_needed: tuple[int, int | None]
     nothing_slow: bool
     settled_if_nothing_slow: float | None
+    needed_if_nothing_slow: tuple[int, int | None] | None
     swings: tuple[DailySwing, ...]
 
     @property
@@ -126,18 +132,20 @@ class RunInVerdict:
             )
         return (
             f"{self.serial}: not settled after {self.cycles} cycles; cycles still needed: "
-            f"{needed_text(self.cycles_needed)} (risk {100 * (1 - self.confidence):.2g} % on "
-            f"either side){self._if_text()}{swung}{jumped}"
+            f"{self._needed_text()} (risk {100 * (1 - self.confidence):.2g} % on either side)"
+            f"{swung}{jumped}"
         )
 
-    def _if_text(self) -> str:
-        """Say that it has settled unless something slow goes on, which the cycles may yet show."""
-        probability = self.settled_if_nothing_slow
-        if self.nothing_slow or probability is None or probability < self.confidence:
-            return ""
+    def _needed_text(self) -> str:
+        """Tell both: if nothing slow goes on, and over all that the cycles do not exclude."""
+        plain = self.needed_if_nothing_slow
+        if plain is None or self.nothing_slow or plain == self.cycles_needed:
+            return needed_text(self.cycles_needed)
+        high = self.cycles_needed[1]
+        slower = f"more than {HORIZON}" if high is None else f"up to {high}"
         return (
-            f"; settled (risk {_percent(probability)}) if nothing slower than the relaxation goes "
-            "on, which so few cycles cannot exclude"
+            f"{needed_text(plain)} if nothing slower than the relaxation goes on, which is not "
+            f"excluded and would need {slower}"
         )
 
     @property
@@ -217,9 +225,15 @@ def judge_run_in(
     needed = _of_all(draws)
     probability = float(np.count_nonzero(needed == 0) / needed.size)
     plain = np.all([one.plain for one in draws], axis=0)
+    settled = probability >= confidence
+    kinds: tuple[tuple[Draws, ...], ...] = ((),) * len(series)
+    if not (settled or nothing_slow):
+        kinds = better.slow_kinds(KIND_DRAWS, np.random.default_rng(SEED + 2), EXCLUDED)
     low, high = _interval(needed, confidence)
+    high = _highest(high, [d for of_one in kinds for d in of_one], confidence)
     coefficients = tuple(
-        _relaxation(s, d, confidence, window) for s, d in zip(series, draws, strict=True)
+        _relaxation(s, d, k, confidence, window)
+        for s, d, k in zip(series, draws, kinds, strict=True)
     )
     swings = (
         () if hours is None else (daily_swing(c.series, hours, c.kappa[0]) for c in coefficients)
@@ -233,11 +247,14 @@ def judge_run_in(
         coefficients=coefficients,
         settled_probability=probability,
         confidence=confidence,
-        settled=probability >= confidence,
+        settled=settled,
         cycles_needed=(low, high),
         nothing_slow=nothing_slow,
         settled_if_nothing_slow=(
-            float(np.mean(needed[plain] == 0)) if np.count_nonzero(plain) >= FEWEST_DRAWS else None
+            float(np.mean(needed[plain] == 0)) if np.mean(plain) >= LEAST_PLAIN else None
+        ),
+        needed_if_nothing_slow=(
+            _interval(needed[plain], confidence) if np.mean(plain) >= LEAST_PLAIN else None
         ),
         swings=tuple(s for s in swings if s),
     )
@@ -270,9 +287,19 @@ def _interval(needed: IntArray, confidence: float) -> tuple[int, int | None]:
     return low, (high if high <= HORIZON else None)
 
 
-def _relaxation(series: Series, draws: Draws, confidence: float, window: int) -> Relaxation:
+def _highest(high: int | None, kinds: Sequence[Draws], confidence: float) -> int | None:
+    """Return the most cycles needed over what may go on; None is more than all."""
+    highs = [high, *(_interval(d.needed, confidence)[1] for d in kinds)]
+    known = [h for h in highs if h is not None]
+    return max(known) if len(known) == len(highs) else None
+
+
+def _relaxation(
+    series: Series, draws: Draws, kinds: Sequence[Draws], confidence: float, window: int
+) -> Relaxation:
     count = min(window, series.values.size // 2)
     enough = count >= 2
+    low, high = _interval(draws.needed, confidence)
     return Relaxation(
         series=series,
         draws=draws,
@@ -283,7 +310,7 @@ def _relaxation(series: Series, draws: Draws, confidence: float, window: int) ->
         before=spread_of(series.values[:count]) if enough else None,
         after=spread_of(series.values[-count:]) if enough else None,
         estimate_sigma=float(np.median(series.sigmas[-max(count, 1) :])),
-        cycles_needed=_interval(draws.needed, confidence),
+        cycles_needed=(low, _highest(high, kinds, confidence)),
     )
 
 

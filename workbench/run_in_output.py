@@ -31,6 +31,9 @@ def _accelerometer(v: RunInVerdict) -> dict[str, Any]:
         "after_sigma_ug": k0.after.sigma if k0.after else None,
         "cycles": v.cycles,
         "cycles_still_needed": list(v.cycles_needed),
+        "cycles_still_needed_if_nothing_slow": None
+        if v.needed_if_nothing_slow is None
+        else list(v.needed_if_nothing_slow),
         "settled": v.settled,
         "settled_probability": v.settled_probability,
         "risk": 1 - v.confidence,

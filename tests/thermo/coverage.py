@@ -148,6 +148,8 @@ class RunInCoverage:
         Mean of what was stated at the stops.
     told, more, fewer : int
         Intervals of the cycles still needed; how often the truth was above or below.
+    bounded, over : int
+        Of those told if nothing slow goes on, how many had an upper end, and were too low.
     """
 
     sets: int
@@ -159,6 +161,8 @@ class RunInCoverage:
     told: int
     more: int
     fewer: int
+    bounded: int
+    over: int
 
     @property
     def text(self) -> str:
@@ -169,7 +173,9 @@ class RunInCoverage:
             f"({100 * self.wrong / max(self.stopped, 1):.1f} % of them; stated in the mean "
             f"{100 * self.risk:.1f} %) in cycle {self.stop:g}, right from {self.could_have:g} on "
             f"(medians); of {self.told} intervals {100 * self.more / told:.1f} % too low, "
-            f"{100 * self.fewer / told:.1f} % too high"
+            f"{100 * self.fewer / told:.1f} % too high; "
+            f"if nothing slow goes on, of {self.bounded} with an upper end "
+            f"{100 * self.over / max(self.bounded, 1):.1f} % too low"
         )
 
 
@@ -180,7 +186,7 @@ def run_in_coverage(
     truths = {s: LAWS[law](np.random.default_rng([21, s])) for s in seeds}
     series = {s: series_of(t, np.random.default_rng([22, s]), SIGMA) for s, t in truths.items()}
     going, stops, risks = set(seeds), dict[int, int](), list[float]()
-    wrong, told, more, fewer = 0, 0, 0, 0
+    wrong, told, more, fewer, bounded, over = 0, 0, 0, 0, 0, 0
     with pytest.MonkeyPatch.context() as patch:
         # estimates with the same sigmas share all that the readings do not enter
         patch.setattr(relaxation, "lay_out", lru_cache(maxsize=2)(lay_out))
@@ -200,6 +206,9 @@ def run_in_coverage(
                     needed = int(cycles_needed(path, LIMIT).max())
                     told, fewer = told + 1, fewer + (needed < low)
                     more += high is not None and needed > high
+                    plain = verdict.needed_if_nothing_slow
+                    if plain is not None and plain[1] is not None:
+                        bounded, over = bounded + 1, over + (needed > plain[1])
     could = [1 + int(cycles_needed(t[:, : 25 + HORIZON], LIMIT).max()) for t in truths.values()]
     return RunInCoverage(
         sets=len(seeds),
@@ -211,4 +220,6 @@ def run_in_coverage(
         told=told,
         more=more,
         fewer=fewer,
+        bounded=bounded,
+        over=over,
     )
