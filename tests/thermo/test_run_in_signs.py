@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from errormodel.arrays import FloatArray
-from tests.thermo.coverage import LAWS
 from tests.thermo.run_in_examples import series_of
+from tests.thermo.stability_coverage import LAWS
 from thermo.run_in import judge_run_in
 from thermo.run_in_signs import daily_swing
 

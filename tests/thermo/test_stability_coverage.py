@@ -1,11 +1,11 @@
 """Limits of stability and of run-in hold what they say: a few fixed sets here, many when slow.
 
-`benchmarks/bench_coverage.py` prints the figures that the documentation gives.
+`benchmarks/bench_stability_coverage.py` prints the figures that the documentation gives.
 """
 
 import pytest
 
-from tests.thermo.coverage import LAWS, Coverage, run_in_coverage, stability_coverage
+from tests.thermo.stability_coverage import LAWS, Coverage, run_in_coverage, stability_coverage
 
 SLOW_LAWS = ("two exponentials", "log creep", "creep", "walk")
 

@@ -1,8 +1,8 @@
 """How often the limits of `stability` and `runin` hold what they say they hold.
 
-    PYTHONPATH=. .venv/bin/python benchmarks/bench_coverage.py same --runs 2 --sets 300
-    PYTHONPATH=. .venv/bin/python benchmarks/bench_coverage.py differing --runs 5 --sets 300
-    PYTHONPATH=. .venv/bin/python benchmarks/bench_coverage.py runin --law creep --sets 300
+    PYTHONPATH=. .venv/bin/python benchmarks/bench_stability_coverage.py same --runs 2 --sets 300
+    PYTHONPATH=. .venv/bin/python benchmarks/bench_stability_coverage.py differing --runs 5 --sets 300
+    PYTHONPATH=. .venv/bin/python benchmarks/bench_stability_coverage.py runin --law creep --sets 300
 
 `same`: runs of four hours that do not differ at all (5 µg white, 3 µg of drift correlated over one
 hour); `differing`: K0 by 20 µg, K1 by 10 ppm, its slope by 0.1 µg/°C from run to run. Shares are of
@@ -21,7 +21,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy
 
 import argparse
 
-from tests.thermo.coverage import LAWS, run_in_coverage, stability_coverage
+from tests.thermo.stability_coverage import LAWS, run_in_coverage, stability_coverage
 
 
 def main() -> None:
