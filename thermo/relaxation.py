@@ -1,49 +1,36 @@
 """A coefficient that relaxes from cycle to cycle: what its estimates say of its future.
 
-Estimate k = 0, 1, … of a coefficient is ``c∞ + A·g(k/κ) + B·v(k) + slips so far + error``.
-
-- g is the law of relaxation: exp(−k/κ), or the slow 1/(1 + k/κ); A may be 0: nothing relaxes.
-- v is something slower beside it: a second exponential or a creep without end; B may be 0.
-- Slips are kicks before each cycle, of the standard deviation h·g(k/κ) (the less stress is left,
-  the smaller), or a random walk of equal steps.
-- The error is the estimate's own (its sigma is given) and a scatter ρ between runs that no
-  estimate knows of.
-
-κ, h, ρ and the kind and size of what is slow are on a grid of rival hypotheses; given them
-everything is Gaussian and exact (κ between two points of the grid to first order: otherwise a slow
-process would pose as what the grid cannot hold). The evidence weighs them (Bayesian model
-averaging; Hoeting et al. 1999, Stat. Sci. 14, 382). All is in units of the limit, so that the
-priors need no unit.
+The rivals of `thermo.relaxation_rivals` are weighed by their evidence (Bayesian model averaging;
+Hoeting et al. 1999, Stat. Sci. 14, 382). Given κ, h, ρ and what is slow everything is Gaussian and
+exact (κ between two points of the grid to first order: otherwise a slow process would pose as what
+the grid cannot hold). All is in units of the limit, so that the priors need no unit.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from errormodel.arrays import FloatArray, IntArray, freeze, readonly
+from errormodel.arrays import BoolArray, FloatArray, IntArray, freeze, readonly
+from thermo.relaxation_rivals import (
+    CREEP,
+    HORIZON,
+    KAPPA,
+    PLAIN,
+    SECOND,
+    WALKS,
+    Hypotheses,
+    Law,
+    lay_out,
+    log_det_of,
+)
 
-Law = Literal["exponential", "hyperbolic"]
-
-KAPPA = np.geomspace(0.5, 60.0, 32)  # cycles
-KICK = (0.05, 20.0, 4)  # h, in limits: from, to, how many
-SCATTER = (0.03, 3.0, 3)  # ρ, in limits
-# Nothing relaxes, beforehand, in this share of coefficients; beside what relaxes, nothing slow
-# goes on in that one, a second process or creep in that, a random walk in the rest. With rarer
-# rivals a creep of 1.5 µg a cycle (known to 2 µg) is called settled before it shows; with more
-# frequent ones a plain exponential is kept in the chamber for more than twice as long.
-STILL, NOT_SLOW, SLOW = 0.3, 0.9, 0.06
-SLOW_KAPPA = (20.0, np.inf)  # cycles; the last is creep
-SLOW_SIZE = (2.0, 10.0)  # its change within HORIZON cycles, limits, 1 sigma
-WALK = (0.1, 0.4)  # step a cycle, limits
-QUIET = 0.3  # where estimates are much better than the limit, both begin at this share of a sigma
+NEVER = -1e300  # logarithm of no weight at all
 # Prior of A: so many limits, or so many times what was seen, whichever is more.
 AMPLITUDE_LIMITS, AMPLITUDE_SEEN = 50.0, 3.0
 LEVEL_WIDER = 20.0  # c∞ is known that much less than A beforehand
 # One stress relaxes in an accelerometer, so its coefficients' κ agree about as well as this.
 KAPPA_SPREAD = 0.15
-HORIZON = 60  # cycles looked ahead; what is left after them is counted as one more
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -108,6 +95,8 @@ class Draws:
         Further cycles after which it never again changes by more than the limit.
     slow : ndarray, shape (m,)
         What a slow process beside the relaxation will change within `HORIZON` cycles.
+    plain : ndarray of bool, shape (m,)
+        Whether nothing slower than the relaxation goes on.
     """
 
     kappa: FloatArray
@@ -117,31 +106,24 @@ class Draws:
     future: FloatArray
     needed: IntArray
     slow: FloatArray
+    plain: BoolArray
 
     def joined(self, other: "Draws", share: float) -> "Draws":
         """Return these draws with a share of them in place of those of another law."""
         mine = round((1.0 - share) * self.needed.size)
         both = {
             name: np.concatenate([getattr(self, name)[:mine], getattr(other, name)[mine:]])
-            for name in ("kappa", "amplitude", "final", "past", "future", "needed", "slow")
+            for name in (f.name for f in fields(Draws))
         }
         return Draws(**both)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class _Grid:
-    """The Gaussian posterior under every hypothesis for one series, in limits.
-
-    The coefficients are c∞, A, A times the deviation of ln κ from the grid, and B.
-    """
+    """The Gaussian posterior under every hypothesis for one series, in limits."""
 
     series: Series
-    shape: FloatArray  # (g, n + HORIZON + 1): A's g(k/κ), the last 0; 0 where nothing relaxes
-    bend: FloatArray  # (g, n + HORIZON + 1): the derivative of `shape` by ln κ
-    slow: FloatArray  # (g, n + HORIZON + 1): B's v(k)
-    slip: FloatArray  # (g, n + HORIZON + 1): standard deviation of the slip before each cycle
-    slip_cov: FloatArray  # (g, n, n) of the slips so far
-    inverse: FloatArray  # (g, n, n) of the estimates' covariance
+    hypotheses: Hypotheses
     shifted: FloatArray  # (n,) estimates less the last one
     mean: FloatArray  # (g, 4)
     precision: FloatArray  # (g, 4, 4)
@@ -151,6 +133,13 @@ class _Grid:
     def by_kappa(self) -> FloatArray:
         """The logarithm of the weight of each κ."""
         return np.logaddexp.reduce(self.log_weight, axis=1)
+
+    def of_kind(self, kind: int) -> tuple["_Grid", float]:
+        """Return the posterior where one kind of slow process goes on, and its prior's log."""
+        log_prior = self.hypotheses.log_prior[self.hypotheses.kind == kind]
+        other = (self.hypotheses.kind != kind).reshape(self.log_weight.shape)
+        alone = replace(self, log_weight=np.where(other, NEVER, self.log_weight))
+        return alone, float(np.logaddexp.reduce(log_prior))
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -174,15 +163,47 @@ class Relaxing:
     def draw(self, count: int, rng: np.random.Generator) -> tuple[Draws, ...]:
         """Draw pasts and futures, one `Draws` for each series."""
         centre = _choose(np.broadcast_to(self.of_centre, (count, KAPPA.size)), rng)
-        drawn: list[Draws] = []
+        return tuple(self._drawn(grid, centre, rng) for grid in self.grids)
+
+    def _drawn(self, grid: _Grid, centre: IntArray, rng: np.random.Generator) -> Draws:
+        kappa = _choose((self.log_near + grid.by_kappa)[centre], rng)
+        rest = _choose(grid.log_weight[kappa], rng)
+        return _drawn(grid, kappa, kappa * grid.log_weight.shape[1] + rest, rng)
+
+    def slow_kinds(
+        self, count: int, rng: np.random.Generator, excluded: float
+    ) -> tuple[tuple[Draws, ...], ...]:
+        """Draw, for each series, futures under every kind of slow process that is not excluded.
+
+        A kind is excluded where the estimates are exp(`excluded`) times likelier with nothing slow
+        in this series. Of estimates that come from the kind, that is so in exp(−`excluded`) or less
+        (Markov's inequality), whatever share the kind was given beforehand.
+        """
+        found: list[tuple[Draws, ...]] = []
         for grid in self.grids:
-            kappa = _choose((self.log_near + grid.by_kappa)[centre], rng)
-            rest = _choose(grid.log_weight[kappa], rng)
-            drawn.append(_drawn(grid, kappa, kappa * grid.log_weight.shape[1] + rest, rng))
-        return tuple(drawn)
+            others = self.of_centre - self._near(grid)
+            plain, prior = grid.of_kind(PLAIN)
+            against = float(np.logaddexp.reduce(others + self._near(plain))) - prior
+            mine: list[Draws] = []
+            for kind in (SECOND, CREEP, WALKS):
+                alone, prior = grid.of_kind(kind)
+                by_centre = others + self._near(alone)
+                if float(np.logaddexp.reduce(by_centre)) - prior >= against - excluded:
+                    centre = _choose(np.broadcast_to(by_centre, (count, KAPPA.size)), rng)
+                    mine.append(self._drawn(alone, centre, rng))
+            found.append(tuple(mine))
+        return tuple(found)
+
+    def _near(self, grid: _Grid) -> FloatArray:
+        """Return the logarithm of the weight of a series, by the κ that its own lies around."""
+        return _around(self.log_near, grid)
 
 
-def weigh(series: Sequence[Series], law: Law) -> Relaxing:
+def _around(log_near: FloatArray, grid: _Grid) -> FloatArray:
+    return np.logaddexp.reduce(log_near + grid.by_kappa, axis=1)
+
+
+def weigh(series: Sequence[Series], law: Law, *, slow: bool = True) -> Relaxing:
     """Infer the coefficients of one accelerometer under a law.
 
     Parameters
@@ -190,12 +211,17 @@ def weigh(series: Sequence[Series], law: Law) -> Relaxing:
     series : sequence of Series
         Of one length; their κ are near one another (`KAPPA_SPREAD`).
     law : {"exponential", "hyperbolic"}
+    slow : bool
+        Whether what is slower than the relaxation is weighed too; else it is taken not to be there.
     """
-    grids = tuple(_posterior(one, law) for one in series)
+    sigmas = [tuple((one.sigmas / one.limit).tolist()) for one in series]
+    # estimates with the same sigmas share all that their values do not enter
+    laid = {s: lay_out(law, s, slow) for s in set(sigmas)}
+    grids = tuple(_posterior(one, laid[s]) for one, s in zip(series, sigmas, strict=True))
     near = np.exp(-0.5 * (np.log(KAPPA[:, None] / KAPPA) / KAPPA_SPREAD) ** 2)
     log_near = np.log(near / near.sum(axis=1, keepdims=True) + 1e-300)
-    of_each = [np.logaddexp.reduce(log_near + grid.by_kappa, axis=1) for grid in grids]
-    return Relaxing(law=law, grids=grids, log_near=log_near, of_centre=np.sum(of_each, axis=0))
+    of_centre = np.sum([_around(log_near, grid) for grid in grids], axis=0)
+    return Relaxing(law=law, grids=grids, log_near=log_near, of_centre=of_centre)
 
 
 def _choose(log_weight: FloatArray, rng: np.random.Generator) -> IntArray:
@@ -206,144 +232,53 @@ def _choose(log_weight: FloatArray, rng: np.random.Generator) -> IntArray:
     return np.asarray((below < level[:, None]).sum(axis=1), dtype=np.intp)
 
 
-def law_shape(law: Law, cycle: FloatArray, kappa: FloatArray) -> FloatArray:
-    """Return how much is left after so many cycles, 1 at first."""
-    ratio = cycle / kappa
-    return np.exp(-ratio) if law == "exponential" else 1.0 / (1.0 + ratio)
-
-
-@dataclass(frozen=True, slots=True)
-class _Rival:
-    """One kind of hypothesis: kick h and scatter ρ in limits, what is slow, and the prior."""
-
-    kick: float
-    scatter: float
-    relaxes: bool
-    slow_kappa: float  # 0 where nothing slow goes on
-    slow_size: float
-    walk: float
-    log_prior: float
-
-
-def _rivals(quiet: float) -> list[_Rival]:
-    """Return the hypotheses for each κ."""
-    kicks, scatters = (
-        np.geomspace(min(lo, quiet), hi, m).tolist() for lo, hi, m in (KICK, SCATTER)
-    )
-    slow = [(0.0, 0.0, 0.0, NOT_SLOW)]
-    each = SLOW / (len(SLOW_KAPPA) * len(SLOW_SIZE))
-    slow += [(kappa, size, 0.0, each) for kappa in SLOW_KAPPA for size in SLOW_SIZE]
-    slow += [(0.0, 0.0, q, (1.0 - NOT_SLOW - SLOW) / len(WALK)) for q in WALK]
-    found: list[_Rival] = []
-    for kappa, size, walk, prior in slow:
-        # beside what is slow every other h and ρ do
-        thin = slice(None) if kappa == walk == 0.0 else slice(0, None, 2)
-        hs, rhos = kicks[thin], scatters[thin]
-        for rho in rhos:
-            for relaxes, h, share in [(False, 0.0, STILL)] + [
-                (True, h, (1.0 - STILL) / len(hs)) for h in hs
-            ]:
-                log_prior = float(np.log(prior * share / len(rhos)))
-                found.append(_Rival(h, rho, relaxes, kappa, size, walk, log_prior))
-    return found
-
-
-def slow_shape(cycle: FloatArray, kappa: float) -> FloatArray:
-    """Return the way of a slow process over cycles: 0 at first, 1 after `HORIZON` (creep)."""
-    if kappa == 0.0:
-        return np.zeros_like(cycle)
-    return cycle / HORIZON if np.isinf(kappa) else 1.0 - np.exp(-cycle / kappa)
-
-
-def law_bend(law: Law, cycle: FloatArray, kappa: FloatArray) -> FloatArray:
-    """Return the derivative of `law_shape` by ln κ."""
-    ratio = cycle / kappa
-    return ratio * np.exp(-ratio) if law == "exponential" else ratio / (1.0 + ratio) ** 2
-
-
-def _posterior(series: Series, law: Law) -> _Grid:
-    n = series.values.size
-    quiet = QUIET * max(float(np.min(series.sigmas)) / series.limit, 1e-6)
-    rivals = _rivals(quiet)
-    cycle = np.arange(n + HORIZON + 1, dtype=float)
-    ahead = law_shape(law, cycle, KAPPA[:, None])
-    ahead[:, -1] = 0.0
-    relaxes, kick, walk, scatter = (
-        np.array([getattr(r, name) for r in rivals], dtype=float)
-        for name in ("relaxes", "kick", "walk", "scatter")
-    )
-    each = (KAPPA.size, len(rivals), cycle.size)
-    shape = (ahead[:, None, :] * relaxes[:, None]).reshape(-1, cycle.size)
-    bent = law_bend(law, cycle, KAPPA[:, None])
-    bent[:, -1] = 0.0
-    bend = (bent[:, None, :] * relaxes[:, None]).reshape(-1, cycle.size)
-    slip = (np.hypot(kick[:, None] * ahead[:, None, :], walk[:, None])).reshape(-1, cycle.size)
-    of_rival = np.array([slow_shape(cycle, r.slow_kappa) for r in rivals])
-    slow = np.broadcast_to(of_rival, each).reshape(-1, cycle.size)
-    scatter = np.tile(scatter, KAPPA.size)
-    sums = np.cumsum(np.where(np.arange(n) > 0, slip[:, :n] ** 2, 0.0), axis=1)
-    slip_cov = sums[:, np.minimum.outer(np.arange(n), np.arange(n))]
-    error = np.diag((series.sigmas / series.limit) ** 2)
-    cov = slip_cov + error + scatter[:, None, None] ** 2 * np.eye(n)
-    inverse = np.linalg.inv(cov)
+def _posterior(series: Series, made: Hypotheses) -> _Grid:
     shifted = (series.values - series.values[-1]) / series.limit
-    size = max(AMPLITUDE_LIMITS, AMPLITUDE_SEEN * float(np.ptp(shifted)))
-    slow_size = np.tile([r.slow_size or 1.0 for r in rivals], KAPPA.size)
+    seen = float(np.ptp(shifted))
+    size = max(AMPLITUDE_LIMITS, AMPLITUDE_SEEN * seen)
     between = float(np.log(KAPPA[1] / KAPPA[0]) / np.sqrt(12.0))  # uniform over a step
+    same = np.ones_like(made.slow_size)
     prior = np.stack(
         [
-            np.full(slow_size.size, 1.0 / (LEVEL_WIDER * size) ** 2),
-            np.full(slow_size.size, 1.0 / size**2),
-            np.full(slow_size.size, 1.0 / (between * max(float(np.ptp(shifted)), 1.0)) ** 2),
-            1.0 / slow_size**2,
+            same / (LEVEL_WIDER * size) ** 2,
+            same / size**2,
+            same / (between * max(seen, 1.0)) ** 2,
+            1.0 / made.slow_size**2,
         ],
         axis=1,
     )
-    ones = np.ones_like(shape[:, :n])
-    columns = np.stack([ones, shape[:, :n], bend[:, :n], slow[:, :n]], axis=2)
-    weighed = columns.transpose(0, 2, 1) @ inverse
-    precision = weighed @ columns + prior[:, :, None] * np.eye(4)
-    target = weighed @ shifted
+    precision = made.gram + prior[:, :, None] * np.eye(4)
+    target = made.weighed @ shifted
     mean = np.asarray(np.linalg.solve(precision, target[:, :, None]), dtype=float)[:, :, 0]
-    chi2 = inverse @ shifted @ shifted - (target * mean).sum(axis=1)
-    log_det = _log_det(cov) + _log_det(precision) - np.log(prior).sum(axis=1)
-    log_prior = np.tile([r.log_prior for r in rivals], KAPPA.size)
+    chi2 = made.inverse @ shifted @ shifted - (target * mean).sum(axis=1)
+    log_det = made.log_det + log_det_of(precision) - np.log(prior).sum(axis=1)
     return _Grid(
         series=series,
-        shape=shape,
-        bend=bend,
-        slow=slow,
-        slip=slip,
-        slip_cov=slip_cov,
-        inverse=inverse,
+        hypotheses=made,
         shifted=shifted,
         mean=mean,
         precision=precision,
-        log_weight=(log_prior - 0.5 * (log_det + chi2)).reshape(KAPPA.size, -1),
+        log_weight=(made.log_prior - 0.5 * (log_det + chi2)).reshape(KAPPA.size, -1),
     )
-
-
-def _log_det(cov: FloatArray) -> FloatArray:
-    """Return the logarithm of the determinants of positive definite matrices (g, n, n)."""
-    root = np.diagonal(np.linalg.cholesky(cov), axis1=1, axis2=2)
-    return np.asarray(2.0 * np.log(root).sum(axis=1))
 
 
 def _drawn(grid: _Grid, kappa: IntArray, at: IntArray, rng: np.random.Generator) -> Draws:
     """Draw coefficients, slips so far and slips to come under the hypotheses given."""
-    n, limit = grid.shifted.size, grid.series.limit
-    root = np.linalg.cholesky(np.linalg.inv(grid.precision[at]))
+    n, limit, made = grid.shifted.size, grid.series.limit, grid.hypotheses
+    used, of = np.unique(at, return_inverse=True)
+    of = of.ravel()
+    root = np.linalg.cholesky(np.linalg.inv(grid.precision[used]))[of]
     found = grid.mean[at] + (root @ rng.standard_normal((at.size, 4, 1)))[:, :, 0]
     level, size, apart, slow = found.T[:, :, None]
-    way = size * grid.shape[at] + apart * grid.bend[at] + slow * grid.slow[at]
+    way = size * made.shape[at] + apart * made.bend[at] + slow * made.slow[at]
     curve = level + way[:, :n]
-    inverse, slip_cov = grid.inverse[at], grid.slip_cov[at]
-    slipped = (slip_cov @ inverse @ (grid.shifted - curve)[:, :, None])[:, :, 0]
-    to_last = slip_cov[:, -1:]
-    known = (to_last @ inverse @ to_last.transpose(0, 2, 1))[:, 0, 0]
-    left = np.maximum(slip_cov[:, -1, -1] - known, 0.0)
+    slip_cov = made.slip_cov[used]
+    gain = slip_cov @ made.inverse[used]
+    slipped = (gain[of] @ (grid.shifted - curve)[:, :, None])[:, :, 0]
+    known = (gain[:, -1:] @ slip_cov[:, :, -1:])[:, 0, 0]
+    left = np.maximum(slip_cov[:, -1, -1] - known, 0.0)[of]
     last = curve[:, -1] + slipped[:, -1] + np.sqrt(left) * rng.standard_normal(at.size)
-    slips = grid.slip[at, n:] * rng.standard_normal((at.size, HORIZON + 1))
+    slips = made.slip[at, n:] * rng.standard_normal((at.size, HORIZON + 1))
     change = way[:, n:] - way[:, n - 1 : n] + np.cumsum(slips, axis=1)
     future = np.column_stack([np.zeros(at.size), change])
     offset = grid.series.values[-1]
@@ -354,7 +289,8 @@ def _drawn(grid: _Grid, kappa: IntArray, at: IntArray, rng: np.random.Generator)
         past=offset + limit * (curve + slipped),
         future=limit * future,
         needed=cycles_needed(future, 1.0),
-        slow=limit * (slow * (grid.slow[at, n:] - grid.slow[at, n - 1 : n]))[:, -1],
+        slow=limit * (slow * (made.slow[at, n:] - made.slow[at, n - 1 : n]))[:, -1],
+        plain=made.kind[at] == PLAIN,
     )
 
 

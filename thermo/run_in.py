@@ -14,15 +14,18 @@ import numpy as np
 from scipy import stats
 
 from errormodel.arrays import FloatArray, IntArray
-from thermo.relaxation import HORIZON, Draws, Law, Series, weigh
+from thermo.relaxation import Draws, Series, weigh
+from thermo.relaxation_rivals import HORIZON, Law
+from thermo.run_in_signs import DailySwing, Jump, daily_swing, jumps_of
 
 DRAWS = 3000  # a probability of 0.95 is then known to 0.004
 SEED = 1  # the same estimates always give the same verdict
 MIN_CYCLES = 3
+KIND_DRAWS = 400  # under each kind of slow process: the upper end needs no more
+LEAST_PLAIN = 0.05  # share of the draws in which nothing slow goes on, for figures under that
 EXCLUDED = 3.0  # a law is excluded at odds of 20, of which this is the logarithm
 # So many cycles at either end make the instability before and after, fewer when there are fewer.
 WINDOW = 4
-JUMP_SIGMAS, JUMP_TIMES = 4.0, 1.5  # of noise; times what the cycle before changed by
 SCATTER_TOLD = 0.25  # of the limit: two cycles then differ by a third of it and more
 
 
@@ -57,16 +60,6 @@ class Relaxation:
     cycles_needed: tuple[int, int | None]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Jump:
-    """A sudden change of a coefficient; `cycle` counts from 1 and is the first one changed."""
-
-    coefficient: str
-    unit: str
-    cycle: int
-    size: float
-
-
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class RunInVerdict:
     """What is known of one accelerometer's run-in after its last cycle.
@@ -89,8 +82,18 @@ class RunInVerdict:
     settled : bool
         Whether `settled_probability` reaches `confidence`.
     cycles_needed : (int, int or None)
-        Fewer than the first or more than the second are needed with a probability of at most
-        1 − `confidence` each. None: more than `thermo.relaxation.HORIZON`.
+        Fewer than the first or more than the second are needed with a risk of 1 − `confidence`
+        each, whatever goes on of what the cycles do not exclude. None: more than
+        `thermo.relaxation_rivals.HORIZON`.
+    needed_if_nothing_slow : (int, int or None) or None
+        The same if nothing slower than the relaxation goes on; None where the cycles leave that no
+        weight.
+    nothing_slow : bool
+        Whether it was assumed that nothing slower than the relaxation goes on.
+    settled_if_nothing_slow : float or None
+        `settled_probability` under that assumption; None where the cycles leave it no weight.
+    swings : tuple of DailySwing
+        Coefficients that follow the time of day.
     """
 
     serial: str
@@ -103,31 +106,57 @@ class RunInVerdict:
     confidence: float
     settled: bool
     cycles_needed: tuple[int, int | None]
+    nothing_slow: bool
+    settled_if_nothing_slow: float | None
+    needed_if_nothing_slow: tuple[int, int | None] | None
+    swings: tuple[DailySwing, ...]
 
     @property
     def sentence(self) -> str:
         """The verdict in one line."""
-        risk = 100 * (1 - self.confidence)
         jumped = "".join(
             f"; {j.coefficient.upper()} jumped by {j.size:+.3g} {j.unit} in cycle {j.cycle}"
             for j in self.jumps
         )
+        swung = "".join(f"; {s.sentence}, not counted" for s in self.swings)
         if self.settled:
             what = f"settled after {self.cycles} cycles: no further change above the limits"
-            left = max(1 - self.settled_probability, 1 / DRAWS)  # no draw tells of a smaller one
+            assumed = (
+                "if nothing slower than the relaxation goes on (assumed)"
+                if self.nothing_slow
+                else "unless something begins that has not begun to show"
+            )
             return (
-                f"{self.serial}: {what}, risk {100 * left:.2g} %, unless something begins that has "
-                f"not begun to show{self._scatter_text()}{jumped}"
+                f"{self.serial}: {what}, risk {_percent(self.settled_probability)}, {assumed}"
+                f"{self._scatter_text()}{swung}{jumped}"
             )
         return (
             f"{self.serial}: not settled after {self.cycles} cycles; cycles still needed: "
-            f"{needed_text(self.cycles_needed)} (risk {risk:.2g} % on either side){jumped}"
+            f"{self._needed_text()} (risk {100 * (1 - self.confidence):.2g} % on either side)"
+            f"{swung}{jumped}"
         )
+
+    def _needed_text(self) -> str:
+        """Tell both: if nothing slow goes on, and over all that the cycles do not exclude."""
+        plain = self.needed_if_nothing_slow
+        if plain is None or self.nothing_slow or plain == self.cycles_needed:
+            return needed_text(self.cycles_needed)
+        high = self.cycles_needed[1]
+        slower = f"more than {HORIZON}" if high is None else f"up to {high}"
+        return (
+            f"{needed_text(plain)} if nothing slower than the relaxation goes on, which is not "
+            f"excluded and would need {slower}"
+        )
+
+    @property
+    def scale_fitted(self) -> bool:
+        """Whether µg are over each cycle's own K1; else over the nominal scale factor."""
+        return any(c.series.name == "k1" for c in self.coefficients)
 
     @property
     def jumps(self) -> tuple[Jump, ...]:
         """Changes from one cycle to the next that no relaxation makes, and noise hardly."""
-        return tuple(j for c in self.coefficients for j in _jumps(c.series))
+        return tuple(j for c in self.coefficients for j in jumps_of(c.series))
 
     def _scatter_text(self) -> str:
         """Tell a scatter of single cycles that their own sigmas do not explain."""
@@ -145,30 +174,14 @@ class RunInVerdict:
         )
 
 
-def _jumps(series: Series) -> list[Jump]:
-    """Return the changes above the limit that are larger than the one before them.
-
-    What relaxes changes by less and less.
-    """
-    change = np.diff(series.values)
-    sigma = np.hypot(series.sigmas[1:], series.sigmas[:-1])
-    usual = np.abs(change[:-1]) + JUMP_SIGMAS * sigma[1:]
-    far = (np.abs(change[1:]) > series.limit) & (np.abs(change[1:]) > JUMP_TIMES * usual)
-    # the way back from one odd cycle is no jump of its own
-    far[1:] &= ~far[:-1]
-    return [
-        Jump(
-            coefficient=series.name,
-            unit=series.unit,
-            cycle=int(k) + 3,
-            size=float(change[k + 1]),
-        )
-        for k in np.flatnonzero(far)
-    ]
-
-
 def judge_run_in(
-    serial: str, series: Sequence[Series], *, confidence: float = 0.95, window: int = WINDOW
+    serial: str,
+    series: Sequence[Series],
+    *,
+    confidence: float = 0.95,
+    window: int = WINDOW,
+    nothing_slow: bool = False,
+    hours: FloatArray | None = None,
 ) -> RunInVerdict:
     """Judge one accelerometer's run-in from its estimates of every cycle.
 
@@ -181,6 +194,10 @@ def judge_run_in(
         That the verdict "settled" is right.
     window : int
         Cycles at either end that make the instability before and after.
+    nothing_slow : bool
+        Assume that nothing slower than the relaxation goes on, instead of weighing it.
+    hours : ndarray, shape (n,), optional
+        Time of each cycle, h: then a daily swing is sought.
 
     Returns
     -------
@@ -194,7 +211,8 @@ def judge_run_in(
     lengths = {one.values.size for one in series}
     if len(lengths) != 1 or not 0.5 < confidence < 1:
         raise ValueError(f"series of {sorted(lengths)} cycles, confidence {confidence}")
-    exponential, hyperbolic = weigh(series, "exponential"), weigh(series, "hyperbolic")
+    exponential = weigh(series, "exponential", slow=not nothing_slow)
+    hyperbolic = weigh(series, "hyperbolic", slow=not nothing_slow)
     ratio = hyperbolic.log_evidence - exponential.log_evidence
     better, other = (hyperbolic, exponential) if ratio > 0 else (exponential, hyperbolic)
     under = better.draw(DRAWS, np.random.default_rng(SEED))
@@ -206,21 +224,45 @@ def judge_run_in(
         draws = tuple(a.joined(b, share) for a, b in zip(under, rest, strict=True))
     needed = _of_all(draws)
     probability = float(np.count_nonzero(needed == 0) / needed.size)
+    plain = np.all([one.plain for one in draws], axis=0)
+    settled = probability >= confidence
+    kinds: tuple[tuple[Draws, ...], ...] = ((),) * len(series)
+    if not (settled or nothing_slow):
+        kinds = better.slow_kinds(KIND_DRAWS, np.random.default_rng(SEED + 2), EXCLUDED)
     low, high = _interval(needed, confidence)
+    high = _highest(high, [d for of_one in kinds for d in of_one], confidence)
+    coefficients = tuple(
+        _relaxation(s, d, k, confidence, window)
+        for s, d, k in zip(series, draws, kinds, strict=True)
+    )
+    swings = (
+        () if hours is None else (daily_swing(c.series, hours, c.kappa[0]) for c in coefficients)
+    )
     return RunInVerdict(
         serial=serial,
         cycles=lengths.pop(),
         law=better.law,
         log_evidence_ratio=ratio,
         other_law_needs=other_needs,
-        coefficients=tuple(
-            _relaxation(s, d, confidence, window) for s, d in zip(series, draws, strict=True)
-        ),
+        coefficients=coefficients,
         settled_probability=probability,
         confidence=confidence,
-        settled=probability >= confidence,
+        settled=settled,
         cycles_needed=(low, high),
+        nothing_slow=nothing_slow,
+        settled_if_nothing_slow=(
+            float(np.mean(needed[plain] == 0)) if np.mean(plain) >= LEAST_PLAIN else None
+        ),
+        needed_if_nothing_slow=(
+            _interval(needed[plain], confidence) if np.mean(plain) >= LEAST_PLAIN else None
+        ),
+        swings=tuple(s for s in swings if s),
     )
+
+
+def _percent(probability: float) -> str:
+    """Write the risk that is left; no draw tells of one smaller than its share."""
+    return f"{100 * max(1 - probability, 1 / DRAWS):.2g} %"
 
 
 def needed_text(needed: tuple[int, int | None]) -> str:
@@ -245,9 +287,19 @@ def _interval(needed: IntArray, confidence: float) -> tuple[int, int | None]:
     return low, (high if high <= HORIZON else None)
 
 
-def _relaxation(series: Series, draws: Draws, confidence: float, window: int) -> Relaxation:
+def _highest(high: int | None, kinds: Sequence[Draws], confidence: float) -> int | None:
+    """Return the most cycles needed over what may go on; None is more than all."""
+    highs = [high, *(_interval(d.needed, confidence)[1] for d in kinds)]
+    known = [h for h in highs if h is not None]
+    return max(known) if len(known) == len(highs) else None
+
+
+def _relaxation(
+    series: Series, draws: Draws, kinds: Sequence[Draws], confidence: float, window: int
+) -> Relaxation:
     count = min(window, series.values.size // 2)
     enough = count >= 2
+    low, high = _interval(draws.needed, confidence)
     return Relaxation(
         series=series,
         draws=draws,
@@ -258,7 +310,7 @@ def _relaxation(series: Series, draws: Draws, confidence: float, window: int) ->
         before=spread_of(series.values[:count]) if enough else None,
         after=spread_of(series.values[-count:]) if enough else None,
         estimate_sigma=float(np.median(series.sigmas[-max(count, 1) :])),
-        cycles_needed=_interval(draws.needed, confidence),
+        cycles_needed=(low, _highest(high, kinds, confidence)),
     )
 
 

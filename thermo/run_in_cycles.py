@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from errormodel.arrays import FloatArray
 from errormodel.errors import InputError, NotSeparableError
 from errormodel.fit import ModelFit, fit
 from errormodel.model import ErrorModel
@@ -42,7 +43,12 @@ def judge_runs(
     """
     return tuple(
         judge_run_in(
-            serial, cycle_series(runs, serial, rule), confidence=rule.confidence, window=window
+            serial,
+            cycle_series(runs, serial, rule),
+            confidence=rule.confidence,
+            window=window,
+            nothing_slow=rule.nothing_slow,
+            hours=cycle_hours(runs, serial),
         )
         for serial in runs.serials
     )
@@ -54,6 +60,30 @@ def in_order(runs: RecordedRuns) -> tuple[str, ...]:
     if all(run in starts for run in runs.run_ids):
         return tuple(sorted(runs.run_ids, key=lambda run: starts[run]))
     return runs.run_ids
+
+
+def cycle_hours(runs: RecordedRuns, serial: str) -> FloatArray | None:
+    """Return when the middle of each cycle of an accelerometer was, h from the first run's start.
+
+    None where a start is not known, or a cycle begins before the one before it has ended: such
+    runs were not timed by one clock.
+    """
+    starts = runs.run_start_utc
+    mine = (runs.serial.codes == runs.serials.index(serial)) & runs.good
+    middles: list[float] = []
+    ended = -np.inf
+    for run in in_order(runs):
+        inside = runs.time_s[mine & (runs.run.codes == runs.run_ids.index(run))]
+        if inside.size == 0:
+            continue
+        if run not in starts:
+            return None
+        begun = (starts[run] - min(starts.values())).total_seconds()
+        if begun < ended:
+            return None
+        ended = begun + float(inside.max())
+        middles.append((begun + float(np.mean(inside))) / 3600.0)
+    return np.array(middles)
 
 
 def cycle_series(runs: RecordedRuns, serial: str, rule: RunInRule) -> tuple[Series, ...]:

@@ -23,6 +23,8 @@ class RunInRule(BaseModel):
         That an accelerometer declared settled does not change by more than the limits.
     t_ref_c : float
         Temperature at which K0 and K1 are compared, °C.
+    nothing_slow : bool
+        Assume that nothing slower than the relaxation goes on: the stop comes earlier, and says so.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -33,6 +35,7 @@ class RunInRule(BaseModel):
     max_cycles: Cycles = 25
     confidence: Annotated[float, Strict(), Field(ge=0.6, le=0.999)] = 0.95
     t_ref_c: Annotated[float, Strict(), Field(ge=-200, le=400, allow_inf_nan=False)] = 25.0
+    nothing_slow: Annotated[bool, Strict()] = False
 
     @model_validator(mode="after")
     def _check(self) -> "RunInRule":

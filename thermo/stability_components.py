@@ -77,12 +77,13 @@ def _common_ug(one: RunByRun, events: Sequence[CommonEvent]) -> FloatArray:
     """Return what the events add to the readings of an accelerometer, µg, shape (n,)."""
     joint, channel = one.joint, one.joint.channel
     columns = derivative(joint.fit.model, channel.record, joint.fit.as_dict())
+    at_input = abs(channel.nominal_scale / joint.own_scale)
     added: FloatArray = np.zeros(len(channel.record))
     for event in events:
         if event.run_id in channel.run_ids and joint.serial in event.shifts:
             rows = channel.record.run == channel.run_ids.index(event.run_id)
             factor = reported_as(joint.fit.model, event.coefficient)[0]
-            column = columns[:, joint.fit.names.index(event.coefficient)]
+            column = at_input * columns[:, joint.fit.names.index(event.coefficient)]
             # the model of all runs took up the run's share of the shift
             shift = event.shifts[joint.serial][0] * MICRO / factor
             centred: FloatArray = np.asarray(rows - np.mean(rows), dtype=np.float64)

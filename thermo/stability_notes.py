@@ -80,6 +80,8 @@ def notes_of(one: RunByRun, temperatures: Sequence[float]) -> tuple[str, ...]:
     ]
     if not one.joint.channel.has_input:
         notes.append("the input is not recorded: K0 holds it too, and K1 cannot be had")
+    if not one.scale_fitted:
+        notes.append("no K1 was fitted: µg are over the nominal scale factor")
     least = min(one.noise_ratios.values())
     notes += [
         f"run {r} is {ratio / least:.2g} times as noisy as the quietest one; its sigmas say so"
@@ -88,7 +90,7 @@ def notes_of(one: RunByRun, temperatures: Sequence[float]) -> tuple[str, ...]:
     ]
     record = one.joint.channel.record
     spans = [float(np.ptp(record.time_s[rows])) for rows in record.run_slices]
-    tau_s, drift_ug = one.noise.noise.drift_tau_s, 1e6 * one.noise.noise.drift
+    tau_s, drift_ug = one.noise.drift_tau_s, 1e6 * one.noise.drift
     if drift_ug > 0.0 and tau_s > SLOW * min(spans):
         notes.append(
             f"a drift of {drift_ug:.2g} µg with a time constant of {tau_s / 3600:.2g} h goes on "

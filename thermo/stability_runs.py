@@ -9,7 +9,7 @@ from errormodel.arrays import FloatArray, IntArray
 from errormodel.errors import InputError
 from errormodel.fit import ModelFit, derivative, examine, fit
 from errormodel.model import ErrorModel
-from errormodel.noise import NoiseFit
+from errormodel.noise import NoiseFit, NoiseModel
 from errormodel.record import Record
 from errormodel.terms import Term
 from thermo.fitting import AccelerometerFit
@@ -112,9 +112,10 @@ class RunByRun:
         In the order asked for.
     curves : mapping of int to tuple of RunFit
         Direction (1 heating, −1 cooling, 0 hold) → its fits, of the runs that have it.
-    noise : NoiseFit
+    noise : NoiseModel
         Common to the runs; what repeats in all of them, and what differs between their
-        coefficients, is not in it.
+        coefficients, is not in it. It and `residual_ug` are referred to the input as by `fit`, by
+        the K1 of all runs (`joint.own_scale`).
     noise_ratios : mapping of str to float
         Run → its noise over the common one; 1 for all where chance explains the differences.
     loops_p : float
@@ -127,11 +128,16 @@ class RunByRun:
     joint: AccelerometerFit
     runs: tuple[RunFit, ...]
     curves: Mapping[int, tuple[RunFit, ...]]
-    noise: NoiseFit
+    noise: NoiseModel
     noise_ratios: Mapping[str, float]
     loops_p: float
     residual_ug: FloatArray
     direction: IntArray
+
+    @property
+    def scale_fitted(self) -> bool:
+        """Whether µg are over the K1 of these runs; else over the nominal scale factor."""
+        return "k1" in self.joint.fit.names
 
 
 def fit_run_by_run(joint: AccelerometerFit, order: Sequence[str]) -> RunByRun:
@@ -171,14 +177,15 @@ def fit_run_by_run(joint: AccelerometerFit, order: Sequence[str]) -> RunByRun:
     of_run = {r: noise.of_run(k) for k, r in enumerate(channel.run_ids)}
     fits = {r: _refit(free[r], parts[r], values, of_run[r]) for r in order}
     left = [_left_ug(free[r], parts[r], fits[r].values) for r in channel.run_ids]
+    at_input = abs(channel.nominal_scale / joint.own_scale)
     return RunByRun(
         joint=joint,
         runs=tuple(fits[r] for r in order),
         curves=_by_direction(joint, fits, order, of_run),
-        noise=noise.common,
+        noise=noise.common.noise.scaled(at_input),
         noise_ratios={r: float(noise.ratios[k]) for k, r in enumerate(channel.run_ids)},
         loops_p=noise.loops_p,
-        residual_ug=np.concatenate(left),
+        residual_ug=at_input * np.concatenate(left),
         direction=directions(channel),
     )
 

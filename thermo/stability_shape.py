@@ -53,11 +53,12 @@ class _Curves:
 
 @dataclass(frozen=True, slots=True)
 class _Part:
-    """A mean square with its limits."""
+    """A mean square with its limits; `shown`: above 0, wrongly so in half of `TAIL` cases."""
 
     value: float
     low: float
     high: float
+    shown: bool
 
 
 def shape_of(sets: Sequence[CurveSet]) -> Shape | None:
@@ -78,7 +79,9 @@ def shape_of(sets: Sequence[CurveSet]) -> Shape | None:
     if len(curves) == 2:
         parts.append(_between_directions(*curves))
     spread2 = sum(p.value for p in parts)
-    below = float(np.sqrt(sum((p.value - p.low) ** 2 for p in parts)))
+    # parts that may be 0 add up to what may be 0, which the limits put together would deny
+    shown = any(p.shown for p in parts)
+    below = float(np.sqrt(sum((p.value - p.low) ** 2 for p in parts))) if shown else spread2
     above = float(np.sqrt(sum((p.high - p.value) ** 2 for p in parts)))
     bend = _bend(grid, curves)
     return Shape(
@@ -112,7 +115,8 @@ def _between_runs(curves: Sequence[_Curves], known_to: float) -> _Part:
     noises = np.full(n, noise)
     low, high = sigma_bounds(values, noises, TAIL, known_to)
     middle = sigma_bounds(values, noises, 0.5)[0]
-    return _Part(middle**2, low**2, max(high, middle) ** 2)
+    shown = sigma_bounds(values, noises, TAIL / 2.0, known_to)[0] > 0.0
+    return _Part(middle**2, low**2, max(high, middle) ** 2, shown)
 
 
 def _mean_square(curves: FloatArray) -> float:
@@ -125,7 +129,7 @@ def _between_directions(one: _Curves, other: _Curves) -> _Part:
     """Return the mean square of half the difference of the directions, from runs with both."""
     both = [r for r in one.runs if r in other.runs]
     if len(both) < 2:  # each direction from other runs: what differs is counted between runs
-        return _Part(0.0, 0.0, 0.0)
+        return _Part(0.0, 0.0, 0.0, shown=False)
     half = 0.5 * np.array([one.k0[one.runs.index(r)] - other.k0[other.runs.index(r)] for r in both])
     return _of_mean(half)
 
@@ -137,9 +141,9 @@ def _of_mean(curves: FloatArray) -> _Part:
     rms = float(np.sqrt(np.mean(mean**2)))
     rms = rms if rms > ROUNDING_UG else 0.0
     error = float(np.sqrt(_mean_square(curves) / n))
-    slack = float(stats.t.ppf(1.0 - TAIL, n - 1)) * error
+    slack, more = (float(stats.t.ppf(1.0 - p, n - 1)) * error for p in (TAIL, TAIL / 2.0))
     value = max(rms**2 - error**2, 0.0)
-    return _Part(value, min(max(rms - slack, 0.0) ** 2, value), (rms + slack) ** 2)
+    return _Part(value, min(max(rms - slack, 0.0) ** 2, value), (rms + slack) ** 2, rms > more)
 
 
 def _bend(grid: FloatArray, curves: Sequence[_Curves]) -> _Part:

@@ -37,6 +37,12 @@ DEFAULTS = {"k0_limit_ug": 15.0, "k1_limit_ppm": 15.0, "confidence": 0.95, "t_re
 @click.option("--confidence", type=float, help="Of the verdict; 0.95 if not given.")
 @click.option("--t-ref-c", type=float, help="Where K0 and K1 are compared, °C; 25 if not given.")
 @click.option(
+    "--nothing-slow",
+    is_flag=True,
+    default=None,
+    help="Assume that nothing slower than the relaxation goes on; the verdict then says so.",
+)
+@click.option(
     "--window",
     type=click.IntRange(min=2),
     default=WINDOW,
@@ -52,7 +58,7 @@ def runin(
     report: Path | None,
     force: bool,
     as_json: bool,
-    **given: float | None,
+    **given: float | bool | None,
 ) -> int:
     """Judge the run-in of recorded cycles: settled, or how many more are needed.
 
@@ -79,7 +85,7 @@ def runin(
     return SETTLED if all(v.settled for v in verdicts) else NOT_SETTLED
 
 
-def _rule(sequence: Path | None, given: dict[str, float | None]) -> RunInRule:
+def _rule(sequence: Path | None, given: dict[str, float | bool | None]) -> RunInRule:
     """Return the rule of a sequence or of the options, whichever were given."""
     chosen = {name: value for name, value in given.items() if value is not None}
     if sequence is None:
@@ -96,6 +102,11 @@ def _rule_text(rule: RunInRule) -> str:
         f"change by more than {rule.k0_limit_ug:g} µg nor K1 by more than {rule.k1_limit_ppm:g} "
         f"ppm at {rule.t_ref_c:g} °C from what they were in the last cycle, of what relaxes; "
         "the scatter of one run about the next is not counted."
+        + (
+            " It is assumed that nothing slower than the relaxation goes on."
+            if rule.nothing_slow
+            else ""
+        )
     )
 
 

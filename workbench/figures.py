@@ -212,20 +212,22 @@ def _draw_over_time(axes: Any, one: AccelerometerFit) -> None:
             one.residual_ug[mine] / divisor,
             s=4,
             color=COLOURS[k % len(COLOURS)],
-            marker=MARKERS[k % len(MARKERS)],
+            # colours and marks come round after different numbers of runs
+            marker=MARKERS[(k + k // len(COLOURS)) % len(MARKERS)],
             alpha=0.4,
             linewidths=0,
             label=plain(run if len(run) <= 24 else f"…{run[-22:]}"),
             rasterized=True,
         )
     dress(axes, title="by run", x="time from the run's start, h", y=f"residual, {unit}")
-    _legend_above_points(axes)
+    _legend_above_points(axes, -(-len(shown) // 2))
 
 
-def _legend_above_points(axes: Any) -> None:
-    """Make room at the top of the axes and put the legend there."""
+def _legend_above_points(axes: Any, rows: int) -> None:
+    """Make room for so many rows at the top of the axes and put the legend there."""
     lo, hi = axes.get_ylim()
-    axes.set_ylim(lo, hi + 0.18 * (hi - lo))
+    share = min(0.03 + 0.06 * rows, 0.6)  # of the axes' height, in letters of its size
+    axes.set_ylim(lo, lo + (hi - lo) / (1.0 - share))
     axes.legend(loc="upper center", ncols=2, fontsize=7, frameon=False, markerscale=2.0)
 
 

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
+from matplotlib.ticker import NullLocator
 
 from errormodel.arrays import FloatArray
 from thermo.run_in import Relaxation, RunInVerdict, Spread
@@ -23,6 +24,7 @@ from workbench.plotting import (
 AHEAD = 10  # cycles shown of the future
 BAND = "#BFD7EA"
 MAX_PICTURES = 12
+SQUASHED = 8.0  # a relaxation of so many limits leaves too little room for the end of it
 
 
 def run_in_pictures(verdicts: Sequence[RunInVerdict]) -> Iterator[Picture]:
@@ -42,7 +44,8 @@ def draw_convergence(one: RunInVerdict, name: str) -> Picture:
     for axes, coefficient in zip(panels, one.coefficients, strict=True):
         _draw_coefficient(axes, coefficient, one, handles)
     legend_below(figure, list(handles.values()), list(handles), enlarge=1.0)
-    caption = f"{one.sentence}. Values are differences from the last cycle's estimate."
+    caption = f"{one.sentence}. Values are differences from the last cycle's estimate; beyond "
+    caption += "twice the limit the scale is logarithmic where the relaxation was large."
     return picture(figure, name, caption)
 
 
@@ -75,9 +78,23 @@ def _draw_coefficient(axes: Any, c: Relaxation, one: RunInVerdict, handles: dict
         (edge,) = axes.plot([n, n + AHEAD], [here + side * c.series.limit] * 2, **style)
         handles.setdefault(f"limit about cycle {n}", edge)
     axes.xaxis.get_major_locator().set_params(integer=True)
+    axes.set_xlim(0.5, n + AHEAD + 0.5)
+    if np.ptp(c.series.values) > SQUASHED * c.series.limit:
+        _stretch_about_limits(axes, c.series.limit)
     title = f"{one.serial} {c.series.name.upper()}, κ = {value_and_sigma(*c.kappa)} cycles"
     y = f"{c.series.name.upper()} − last, {c.series.unit}"
     dress(axes, title=title, x="cycle", y=y)
+
+
+def _stretch_about_limits(axes: Any, limit: float) -> None:
+    """Show what is within twice the limit in proportion, and what is beyond by its logarithm."""
+    axes.set_yscale("symlog", linthresh=2.0 * limit, linscale=1.5)
+    low, high = (1.3 * y if abs(y) > 2.0 * limit else y for y in axes.get_ylim())
+    axes.set_ylim(low, high)
+    ticks = [s * k * limit for k in (0, 1, 2, 4, 10, 20, 40, 100) for s in (-1, 1)]
+    axes.set_yticks(sorted({t for t in ticks if low <= t <= high}), minor=False)
+    axes.yaxis.set_major_formatter("{x:g}")
+    axes.yaxis.set_minor_locator(NullLocator())
 
 
 def draw_before_and_after(verdicts: Sequence[RunInVerdict]) -> Picture:
@@ -113,6 +130,7 @@ def _draw_spreads(
     (made,) = axes.plot(place, noise, "_", color="#8A8A8A", markersize=22)
     handles.setdefault("an estimate's own σ", made)
     axes.set_yscale("log")
+    axes.yaxis.set_major_formatter("{x:g}")
     axes.set_xlim(-0.6, len(found) - 0.4)
     axes.set_xticks(place, [serial for serial, _ in found], rotation=0 if len(found) < 6 else 90)
     unit = found[0][1].series.unit

@@ -24,11 +24,18 @@ from workbench.plotting import (
     picture,
     plain,
 )
-from workbench.stability_output import grade_text, sigma_limits, sigma_text
+from workbench.stability_output import (
+    grade_text,
+    largest_limits,
+    marks_of,
+    sigma_limits,
+    sigma_text,
+)
 
 MAX_ROWS = 40  # accelerometers in the overview
 MAX_ACCELEROMETERS = 12  # with a picture of their own
 MAX_RUN_NAMES = 12
+TICK_LETTERS = 8
 VERDICT_COLOUR = {
     "pass": "#009E73",
     "undecided": "#E69F00",
@@ -64,7 +71,7 @@ def _sigma(name: str) -> Measure:
 
 def _largest(one: AccelerometerStability) -> tuple[float, tuple[float, float]] | None:
     apart = one.k0_distance
-    return (apart.largest, apart.largest_bounds(0.05)) if apart else None
+    return (apart.largest, largest_limits(one, apart)) if apart else None
 
 
 # title, unit, what is drawn, criterion whose limit is drawn
@@ -102,7 +109,7 @@ def draw_overview(result: Stability) -> Picture:
 
 def _label(one: AccelerometerStability) -> str:
     serial = one.serial if len(one.serial) <= 16 else f"…{one.serial[-15:]}"
-    return plain(f"{one.rank}. {serial}")
+    return plain(f"{one.rank}. {serial}, {len(one.runs.runs)} runs")
 
 
 def _headline(result: Stability) -> str:
@@ -151,9 +158,12 @@ def _draw_measure(
 def _write_verdicts(axes: Any, ranked: Sequence[AccelerometerStability]) -> None:
     """Write verdict and grade to the right of the last panel."""
     right = axes.secondary_yaxis("right")
-    texts = [f"{a.verdict}, {grade_text(a)}" if a.grade_best else a.verdict for a in ranked]
+    texts = [
+        ", ".join([a.verdict, *([f"grade {grade_text(a)}"] if a.grade_best else []), *marks_of(a)])
+        for a in ranked
+    ]
     right.set_yticks(range(len(ranked)), [plain(t) for t in texts])
-    right.tick_params(length=0, labelsize=9)
+    right.tick_params(length=0, labelsize=9, pad=9)
     right.spines["right"].set_visible(False)
     for tick, one in zip(right.get_yticklabels(), ranked, strict=True):
         tick.set_color(VERDICT_COLOUR[one.verdict])
@@ -235,10 +245,33 @@ def _draw_chart(axes: Any, c: CoefficientStability) -> None:
 
 def _run_ticks(axes: Any, run_ids: Sequence[str]) -> None:
     step = -(-len(run_ids) // MAX_RUN_NAMES)
-    short = [plain(r if len(r) <= 8 else f"…{r[-7:]}") for r in run_ids]
+    short = [plain(name) for name in short_names(run_ids)]
     slant = 0 if max(map(len, short)) * len(short) / step < 24 else 60
     axes.set_xticks(range(0, len(short), step), short[::step], rotation=slant)
     axes.set_xlim(-0.5, len(run_ids) - 0.5)
+
+
+def short_names(run_ids: Sequence[str]) -> list[str]:
+    """Return names for ticks: of long ones the part in which they differ, at most 8 characters."""
+    if max(map(len, run_ids)) <= TICK_LETTERS:
+        return list(run_ids)
+    turned = [r[::-1] for r in run_ids]
+    before, after = _in_common(run_ids), _in_common(turned)
+    # not through the middle of a number
+    while before and run_ids[0][before - 1].isdigit():
+        before -= 1
+    while after and turned[0][after - 1].isdigit():
+        after -= 1
+    parts = [r[before : len(r) - after] for r in run_ids]
+    if min(map(len, parts)) == 0:
+        parts = list(run_ids)
+    return [p if len(p) <= TICK_LETTERS else f"…{p[1 - TICK_LETTERS :]}" for p in parts]
+
+
+def _in_common(names: Sequence[str]) -> int:
+    """Return with how many letters all names begin."""
+    alike = [len(set(letters)) == 1 for letters in zip(*names, strict=False)]
+    return [*alike, False].index(False)
 
 
 def _draw_ranges(axes: Any, c: CoefficientStability) -> None:

@@ -31,6 +31,9 @@ def _accelerometer(v: RunInVerdict) -> dict[str, Any]:
         "after_sigma_ug": k0.after.sigma if k0.after else None,
         "cycles": v.cycles,
         "cycles_still_needed": list(v.cycles_needed),
+        "cycles_still_needed_if_nothing_slow": None
+        if v.needed_if_nothing_slow is None
+        else list(v.needed_if_nothing_slow),
         "settled": v.settled,
         "settled_probability": v.settled_probability,
         "risk": 1 - v.confidence,
@@ -41,6 +44,18 @@ def _accelerometer(v: RunInVerdict) -> dict[str, Any]:
             {"coefficient": j.coefficient, "cycle": j.cycle, "size": j.size, "unit": j.unit}
             for j in v.jumps
         ],
+        "nothing_slow_assumed": v.nothing_slow,
+        "settled_probability_if_nothing_slow": v.settled_if_nothing_slow,
+        "daily_swings": [
+            {
+                "coefficient": s.coefficient,
+                "amplitude": s.amplitude,
+                "unit": s.unit,
+                "p_value": s.p_value,
+            }
+            for s in v.swings
+        ],
+        "scale": "fitted" if v.scale_fitted else "nominal",
         "sentence": v.sentence,
         "coefficients": {c.series.name: _coefficient(c) for c in v.coefficients},
     }
@@ -120,7 +135,9 @@ def law_sentence(v: RunInVerdict) -> str:
     """Tell which law of relaxation is used, and what the other one would ask for."""
     law, other = sorted(LAW_TEXT, key=lambda name: name != v.law)
     used = f"the {LAW_TEXT[law]} law is the likelier"
-    slower = "a second relaxation, creep and a random walk beside it are weighed in"
+    slower = "a second relaxation, creep and a random walk beside it are " + (
+        "assumed not to be there" if v.nothing_slow else "weighed in"
+    )
     if v.other_law_needs is None:
         return f"{used}, the {LAW_TEXT[other]} one is excluded at odds of 20; {slower}"
     more = needed_text(v.other_law_needs)
@@ -140,5 +157,8 @@ def run_in_text(verdicts: Sequence[RunInVerdict]) -> Iterator[RenderableType]:
         for v in verdicts
         if v.coefficients[0].before is not None
     )
+    nominal = ", ".join(v.serial for v in verdicts if not v.scale_fitted)
+    if nominal:
+        yield f"{nominal}: cycles give no K1; K0 in µg is over the nominal scale factor"
     for v in verdicts:
         yield f"{v.sentence}; {law_sentence(v)}"

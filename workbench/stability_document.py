@@ -55,7 +55,8 @@ def definition(result: Stability) -> str:
     temperatures = " and ".join(f"{t:g} °C" for t in result.at_c)
     return (
         f"{DEFINITION} Here: {len(result.order)} runs; 1 σ between runs with the estimation's own "
-        f"variance taken out, and max − min of the runs; reference temperature {temperatures}. "
+        f"variance taken out, and max − min of the runs; reference temperature {temperatures}; "
+        "µg over the K1 of all runs of an accelerometer. "
         + " ".join(f"{text}." for text in between_sentences(result.intervals))
     )
 
@@ -71,10 +72,12 @@ def between_sentences(intervals: Sequence[Interval]) -> list[str]:
 
 
 def _accelerometer(one: AccelerometerStability) -> dict[str, Any]:
-    noise = one.runs.noise.noise
+    noise = one.runs.noise
     return {
         "serial": one.serial,
         "n_runs": len(one.runs.runs),
+        "own_scale": one.runs.joint.own_scale,
+        "scale": "fitted" if one.runs.scale_fitted else "nominal",
         "coefficients": {c.name: _coefficient(c) for c in one.coefficients},
         "curve_distance_ug": _distance(one.k0_distance),
         "curve_distance_k1_ppm": _distance(one.k1_distance),

@@ -7,10 +7,10 @@ from rich.console import RenderableType
 from errormodel.variance import Component, VarianceFit
 from thermo.residuals import DIRECTIONS
 from thermo.stability import AccelerometerStability, Stability
-from thermo.stability_coefficients import CoefficientStability
+from thermo.stability_coefficients import CURVE, CoefficientStability
 from thermo.stability_components import FACTORS
 from thermo.stability_curves import Distance
-from thermo.stability_limits import Criterion
+from thermo.stability_limits import FALSE_ALARM, Criterion
 from workbench.console import number, table
 from workbench.fit_output import value_and_sigma
 from workbench.stability_document import definition
@@ -68,6 +68,14 @@ def movements(one: AccelerometerStability) -> Iterator[str]:
         yield one.loops.sentence
 
 
+def marks_of(one: AccelerometerStability) -> list[str]:
+    """Return the same in a word each."""
+    marks = ["drifts"] if one.trends else []
+    marks += [p.kind for p in one.patterns]
+    marks += ["loops differ"] if one.loops_differ else []
+    return list(dict.fromkeys(marks))
+
+
 def trend_text(c: CoefficientStability) -> str:
     """Say how a coefficient moves with time, or from run to run."""
     per = (
@@ -117,6 +125,11 @@ def grade_text(one: AccelerometerStability) -> str:
 def sigma_limits(one: AccelerometerStability, c: CoefficientStability) -> tuple[float, float]:
     """Return the limits of a sigma between runs: those of the verdict where there is one."""
     return _shown(one, f"{c.name} sigma_run", c.scatter.ci95)
+
+
+def largest_limits(one: AccelerometerStability, apart: Distance) -> tuple[float, float]:
+    """Return the limits of the largest distance of K0 curves in the same way."""
+    return _shown(one, f"{CURVE} max", apart.largest_bounds(FALSE_ALARM))
 
 
 def _shown(
@@ -179,15 +192,16 @@ def sentences(one: AccelerometerStability) -> Iterator[str]:
     for c in one.criteria:
         yield criterion_text(c)
     if one.k0_distance:
-        yield _distance_text("K0", one.k0_distance, "µg")
+        yield _distance_text("K0", one.k0_distance, "µg", largest_limits(one, one.k0_distance))
     if one.k1_distance:
-        yield _distance_text("K1", one.k1_distance, "ppm")
+        limits = one.k1_distance.largest_bounds(FALSE_ALARM)
+        yield _distance_text("K1", one.k1_distance, "ppm", limits)
     if one.shape:
         yield (
             "K0 over temperature: runs and directions spread "
             f"{sigma_text(one.shape.spread_ug, one.shape.spread_ci95_ug)} µg rms about their mean "
             f"({limits_text(one.shape.spread_ci95_ug)}), which bends "
-            f"{number(one.shape.bend_ug, 3)} µg rms from a line"
+            f"{sigma_text(one.shape.bend_ug, one.shape.bend_ci95_ug)} µg rms from a line"
         )
     yield from movements(one)
     yield from _no_movement(one)
@@ -212,11 +226,10 @@ def _no_movement(one: AccelerometerStability) -> Iterator[str]:
     yield f"{runs} runs cannot tell a trend from scatter{said}"
 
 
-def _distance_text(name: str, one: Distance, unit: str) -> str:
-    lo, hi = one.largest_bounds(0.05)
+def _distance_text(name: str, one: Distance, unit: str, limits: tuple[float, float]) -> str:
     text = (
         f"{name} curves of the runs lie {number(one.rms, 3)} {unit} rms apart, "
-        f"{number(one.largest, 3)} {unit} at most ({number(lo, 3)} to {number(hi, 3)})"
+        f"{number(one.largest, 3)} {unit} at most ({limits_text(limits)})"
     )
     if one.largest_at:
         low, high, temp_c, direction = one.largest_at
@@ -249,6 +262,6 @@ def component_lines(found: VarianceFit | None) -> Iterator[str]:
 def component_text(c: Component) -> str:
     """Say a component in a line."""
     return (
-        f"{c.name} {number(c.sigma, 3)} ({limits_text(c.ci95)}), {c.dof} degree(s) of freedom: "
-        f"{FACTORS[c.name]}"
+        f"{c.name} {sigma_text(c.sigma, c.ci95)} ({limits_text(c.ci95)}), {c.dof} degree(s) of "
+        f"freedom: {FACTORS[c.name]}"
     )

@@ -5,7 +5,6 @@ from collections.abc import Iterator
 from thermo.recording import RecordedRuns
 from thermo.stability import AccelerometerStability, Stability
 from thermo.stability_components import FACTORS
-from workbench.console import number
 from workbench.figures_stability import MAX_ACCELEROMETERS, draw_overview, stability_pictures
 from workbench.outputs import REPORT_NAME
 from workbench.page import (
@@ -26,6 +25,7 @@ from workbench.stability_output import (
     headline,
     limits_text,
     sentences,
+    sigma_text,
     summary_row,
 )
 
@@ -94,7 +94,13 @@ def _details(result: Stability) -> Iterator[Section]:
             title="",
             columns=("component", "1 σ, µg", "95 % limits", "degrees of freedom", "what it is"),
             rows=tuple(
-                (c.name, number(c.sigma, 3), limits_text(c.ci95), str(c.dof), FACTORS[c.name])
+                (
+                    c.name,
+                    sigma_text(c.sigma, c.ci95),
+                    limits_text(c.ci95),
+                    str(c.dof),
+                    FACTORS[c.name],
+                )
                 for c in found.components
             ),
         )

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from tests.thermo.run_in_examples import LIMIT, assembled, series_of
-from thermo.relaxation import HORIZON, Series, cycles_needed, weigh
+from thermo.relaxation import Series, cycles_needed, weigh
+from thermo.relaxation_rivals import HORIZON
 from thermo.run_in import judge_run_in, spread_of
 
 

@@ -120,3 +120,26 @@ def test_under_another_law_the_rule_stays_right_but_is_late(law: Law) -> None:
     # 28.5 expected at the risk stated, and 25 or fewer by chance in 1.6 %
     assert sum(s.right for s in stopped) >= 26
     assert np.median([s.late for s in stopped]) <= 20
+
+
+def test_where_nothing_slow_is_assumed_the_stop_comes_earlier_and_says_so() -> None:
+    series = [s.first(9) for s in series_of(relaxing(0), np.random.default_rng(0))]
+    wary = judge_run_in("S", series)
+    assert not wary.settled
+    assert wary.settled_if_nothing_slow is not None
+    assert wary.settled_if_nothing_slow > 0.95
+    assert wary.needed_if_nothing_slow == (0, 0)
+    assert wary.cycles_needed[1] is None or wary.cycles_needed[1] > 10
+    assert "0 if nothing slower than the relaxation goes on" in wary.sentence
+    trusting = judge_run_in("S", series, nothing_slow=True)
+    assert trusting.settled
+    assert "if nothing slower than the relaxation goes on (assumed)" in trusting.sentence
+    # the same probability, once among the draws of a mixture and once of its own
+    assert trusting.settled_probability == pytest.approx(wary.settled_if_nothing_slow, abs=0.02)
+
+
+def test_the_assumption_is_not_offered_where_the_cycles_show_something_slow() -> None:
+    series = [s.first(16) for s in series_of(goes_on(0, "creep"), np.random.default_rng(0))]
+    verdict = judge_run_in("S", series)
+    assert not verdict.settled
+    assert "if nothing slower" not in verdict.sentence

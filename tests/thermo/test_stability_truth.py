@@ -1,6 +1,7 @@
 """Stability on runs of an independent simulation: what each kind of trouble must be called."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -85,7 +86,7 @@ def curves(k0: FloatArray, noise2: float = 1e-6, grid: int = 1) -> CurveSet:
     )
 
 
-@pytest.mark.parametrize("runs", [2, 3, 5, 15])
+@pytest.mark.parametrize("runs", [2, 3, 5, 10, 15])
 def test_spread_is_held_by_its_limits_and_as_often_above_as_below(runs: int) -> None:
     rng = np.random.default_rng(runs)
     sets, sigma = 400, 20.0
@@ -103,7 +104,22 @@ def test_spread_is_held_by_its_limits_and_as_often_above_as_below(runs: int) -> 
     assert abs(above - 0.5) < 4 * np.sqrt(0.25 / sets)
 
 
-@pytest.mark.parametrize("runs", [2, 3, 5, 15])
+@pytest.mark.parametrize("runs", [2, 3, 5, 10, 15])
+def test_a_spread_of_runs_that_do_not_differ_is_shown_in_2_5_percent_at_most(runs: int) -> None:
+    """Nothing but noise of 5 µg, in heating and in cooling."""
+    rng = np.random.default_rng([13, runs])
+    sets, shown = 400, 0
+    for _ in range(sets):
+        ways = [
+            replace(curves(5.0 * rng.standard_normal(runs), 25.0), direction=d) for d in (1, -1)
+        ]
+        shape = shape_of(ways)
+        assert shape is not None
+        shown += shape.spread_ci95_ug[0] > 0.0
+    assert shown <= sets * 0.025 + 4 * np.sqrt(sets * 0.025 * 0.975)
+
+
+@pytest.mark.parametrize("runs", [2, 3, 5, 10, 15])
 def test_a_grade_that_is_not_deserved_is_given_in_5_percent_at_most(runs: int) -> None:
     rng = np.random.default_rng(runs)
     grades = {"A": GradeLimits(spread_ug=15.0)}
