@@ -84,6 +84,18 @@ class CycleData:
             angle=None if self.angle is None else self.angle[last],
         )
 
+    def beginning(self, intervals: int) -> "CycleData":
+        """Return the cycle's first intervals, as many as there are up to `intervals`."""
+        first = self.first[: intervals + 1]
+        rows = slice(int(first[-1]))
+        return replace(
+            self,
+            measured=self.measured.take(rows),
+            good=self.good[rows],
+            first=first,
+            angle=None if self.angle is None else self.angle[rows],
+        )
+
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Nominal:
