@@ -125,6 +125,8 @@ def _noise(found: Calibration) -> dict[str, float | None]:
             "gyro_instability_rad_s": noise.gyro_instability,
             "accel_instability_m_s2": noise.accel_instability,
             "instability_tau_s": noise.instability_tau_s,
+            "gyro_quantum_rad": noise.gyro_quantum,
+            "accel_quantum_m_s": noise.accel_quantum,
         }
     return {**common, "velocity_m_s": noise.velocity_m_s, "position_m": noise.position_m}
 

@@ -16,6 +16,8 @@ from sinscal.shocks import violent_rows
 # Where north is only sought, steps are put together up to so long and so much of a turn.
 THIN_STEP_S = 0.1
 THIN_TURN_RAD = 0.02
+# A step's square over the variance of what is rounded to it, or of what a counter has left over.
+COUNT = 12.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -30,6 +32,9 @@ class RigNoise:
         How much the rotation axis moves across itself, rad/√Hz; that of the angle if not given.
     gyro_instability, accel_instability, instability_tau_s : float
         Sigma and correlation time of slow drift; zero sigmas: none.
+    gyro_quantum, accel_quantum : float
+        Steps of counters of increments, rad and m/s; 0: not counted. Rounding of each reading by
+        itself is white and part of the densities.
     """
 
     gyro: float
@@ -39,6 +44,8 @@ class RigNoise:
     gyro_instability: float = 0.0
     accel_instability: float = 0.0
     instability_tau_s: float = 3600.0
+    gyro_quantum: float = 0.0
+    accel_quantum: float = 0.0
 
     @property
     def drifts(self) -> bool:

@@ -144,6 +144,7 @@ class RigFilter:
             cycles=len(self.cycles),
             parameters=self.sensors.names,
             drift=self.noise.drifts,
+            counted=self.noise.accel_quantum > 0.0,
             wander=wander,
             angle=angle,
             remount=angle and self.prior.remount_sigma_rad > 0.0,
