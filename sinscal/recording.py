@@ -120,7 +120,8 @@ def read_rig_run(path: Path | str, *, physics: bool = True) -> RigRun:
         The table; its sidecar NAME.toml lies beside it.
     physics : bool
         Whether the readings must also agree with gravity, the gyros with the forces, and the
-        rig's angle with the gyros (see `sinscal.recording_check`).
+        rig's angle with the gyros (see `sinscal.recording_check`), and what stands alone is mended
+        (see `sinscal.recording_mend`).
 
     Returns
     -------
@@ -135,7 +136,7 @@ def read_rig_run(path: Path | str, *, physics: bool = True) -> RigRun:
     """
     path = Path(path)
     sidecar, raw = _read(path, RIG_FORM, RigSidecar)
-    run = build_rig(raw, sidecar.facts)
+    run = build_rig(raw, sidecar.facts, mend=physics)
     run = checked_rig(run) if physics else run
     _tell(path, run.warnings)
     return run
