@@ -125,6 +125,8 @@ def noise_of(facts: RigFacts, mode: Mode) -> RigNoise:
         gyro=facts.gyro_noise or 0.0,
         accel=facts.accel_noise or 0.0,
         angle=facts.angle_noise or 0.0,
+        gyro_quantum=facts.quantum.gyro_rad,
+        accel_quantum=facts.quantum.accel_m_s,
     )
 
 

@@ -18,6 +18,9 @@ class RigLayout:
         Unknowns of the sensor model.
     drift : bool
         Whether slow drifts of gyros and accelerometers move beside the attitude.
+    counted : bool
+        Whether the accelerometers' increments are counted: what was left over at the start and at
+        the end of an interval moves beside the attitude.
     wander : bool
         Whether north is unknown: the horizontal parts of the earth's rotation are then unknowns of
         each cycle, in local axes of any azimuth, and the attitude needs none.
@@ -33,6 +36,7 @@ class RigLayout:
     cycles: int
     parameters: tuple[str, ...]
     drift: bool = False
+    counted: bool = False
     wander: bool = False
     angle: bool = False
     remount: bool = False
@@ -45,6 +49,8 @@ class RigLayout:
         moving = [f"attitude_{a}" for a in ENU]
         if self.drift:
             moving += [f"{kind}_drift_{a}" for kind in ("gyro", "accel") for a in XYZ]
+        if self.counted:
+            moving += [f"accel_left_over_{when}_{a}" for when in ("before", "after") for a in XYZ]
         moving += self.integrals
         constant = [f"start_{k}_{a}" for k in numbers for a in ENU]
         if self.wander:
@@ -59,12 +65,18 @@ class RigLayout:
     @property
     def moving(self) -> int:
         """How many states move."""
-        return 3 + 6 * self.drift + len(self.integrals)
+        return 3 + 6 * self.drift + 6 * self.counted + len(self.integrals)
 
     @property
     def size(self) -> int:
         """How many states there are."""
         return len(self.names)
+
+    @property
+    def left_over(self) -> tuple[slice, slice]:
+        """Where what the counters had left over before and after an interval stands."""
+        before = self.at("accel_left_over_before_x", 3)
+        return before, slice(before.stop, before.stop + 3)
 
     def at(self, first: str, count: int) -> slice:
         """Return where `count` states begin with the one named."""

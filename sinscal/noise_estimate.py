@@ -9,7 +9,7 @@ import numpy as np
 from errormodel.arrays import FloatArray
 from errormodel.filtering import Filtered
 from sinscal.consistency import ALONG, rows_of_rig
-from sinscal.rigdata import RigNoise
+from sinscal.rigdata import COUNT, RigNoise
 from sinscal.run import RigFacts, RigRun
 
 BLOCK_S = 0.25  # over which readings are averaged first: quantisation is then nothing
@@ -25,6 +25,13 @@ ROBUST = 0.6745  # median of |x| in sigmas
 # if they were independent (0.37: the efficiency of a median), times 2.3, the sum of their squared
 # correlations (-15/20, 6/20, -1/20).
 MEDIAN_VARIANCE = 3.1
+# A counter's fourth differences over third ones of independent means, as variances.
+COUNTED = comb(2 * ORDER + 2, ORDER + 1) / comb(2 * ORDER, ORDER)
+DROWNED = 0.1  # of what is measured: noise below it is drowned by a counter's
+UNEVEN = 0.1  # of a counter's share: what is left over is not normal, nor always evenly spread
+# Of noise that spreads readings over steps, with their rounding, over the rounding: a sigma of half
+# a step, at which the mean of rounded readings is right to 0.2 % of a step.
+SPREAD = 1.0 + 0.5**2 * COUNT
 LEAST = 1e-3  # of what was guessed: no estimate falls below
 
 
@@ -32,12 +39,14 @@ LEAST = 1e-3  # of what was guessed: no estimate falls below
 class NoiseFound:
     """The noise of a run, and the names of the densities that had to be estimated.
 
-    `misstated` are those that are stated, each with the factor by which it is larger.
+    `misstated` are those that are stated, each with the factor by which it is larger; `coarse` the
+    sensors whose readings are rounded to steps that their noise does not spread over.
     """
 
     noise: RigNoise
     estimated: tuple[str, ...]
     misstated: Mapping[str, float] = field(default_factory=dict[str, float])
+    coarse: tuple[str, ...] = ()
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -46,6 +55,12 @@ class NoiseFound:
             f"noise_misstated: {name} noise is {factor:.2f} times what is stated; it was taken "
             "from the run itself"
             for name, factor in self.misstated.items()
+        )
+        wrong += tuple(
+            f"coarse_steps: readings of the {name} are rounded to steps larger than twice their "
+            "noise: rounding does not average out, and constant errors may be wrong by half a "
+            "step; record increments, or with a finer step"
+            for name in self.coarse
         )
         unstated = [name for name in self.estimated if name not in self.misstated]
         if not unstated:
@@ -70,18 +85,27 @@ def noise_of_run(run: RigRun, *, angle: bool) -> NoiseFound:
     facts: RigFacts = run.facts
     estimated: list[str] = []
 
-    def density(name: str, stated: float | None, found: Callable[[RigRun], Density]) -> float:
+    quantum = facts.quantum
+
+    def density(
+        name: str, stated: float | None, found: Callable[[RigRun], Density], rounded: float = 0.0
+    ) -> float:
         if stated:
-            return stated
+            return sqrt(stated**2 + rounding_density2(run, rounded))
         estimated.append(name)
         return found(run).value
 
     noise = RigNoise(
-        gyro=density("gyro", facts.gyro_noise, gyro_density),
-        accel=density("accelerometer", facts.accel_noise, accel_density),
+        gyro=density("gyro", facts.gyro_noise, gyro_density, quantum.gyro_rad_s),
+        accel=density("accelerometer", facts.accel_noise, accel_density, quantum.accel_m_s2),
         angle=density("angle", facts.angle_noise, angle_density) if angle else 0.0,
+        gyro_quantum=quantum.gyro_rad,
+        accel_quantum=quantum.accel_m_s,
     )
-    return NoiseFound(noise=noise, estimated=tuple(estimated))
+    rounded = (("gyros", noise.gyro, quantum.gyro_rad_s),
+               ("accelerometers", noise.accel, quantum.accel_m_s2))  # fmt: skip
+    coarse = tuple(n for n, d, step in rounded if d**2 < SPREAD * rounding_density2(run, step))
+    return NoiseFound(noise=noise, estimated=tuple(estimated), coarse=coarse)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -99,12 +123,13 @@ def gyro_density(run: RigRun) -> Density:
         gyro = run.gyro[rows]
         across = np.argsort(np.mean(gyro**2, axis=0))[:2]
         parts.append(gyro[:, across])
-    return _density(run, parts, GYRO_TURN_RAD)
+    return _density(run, parts, GYRO_TURN_RAD, run.facts.quantum.gyro_rad)
 
 
 def accel_density(run: RigRun) -> Density:
     """Return the accelerometers' density, m/s²/√Hz."""
-    return _density(run, [run.accel[rows] for rows in run.cycles], BLOCK_TURN_RAD)
+    counted = run.facts.quantum.accel_m_s
+    return _density(run, [run.accel[rows] for rows in run.cycles], BLOCK_TURN_RAD, counted)
 
 
 def angle_density(run: RigRun) -> Density:
@@ -114,12 +139,21 @@ def angle_density(run: RigRun) -> Density:
     return _density(run, angles, BLOCK_TURN_RAD)
 
 
-def _density(run: RigRun, parts: Sequence[FloatArray], turn_rad: float) -> Density:
+def rounding_density2(run: RigRun, step: float) -> float:
+    """Return the square of the density that rounding every reading to a step adds."""
+    return step**2 / COUNT * float(np.median(run.step_s))
+
+
+def _density(
+    run: RigRun, parts: Sequence[FloatArray], turn_rad: float, counted: float = 0.0
+) -> Density:
     """Return the density of what third differences of short means leave: noise, not motion.
 
-    `parts` are the readings of each cycle.
+    `parts` are the readings of each cycle; `counted` is the step of a counter of their integral,
+    whose share is taken out: its own fourth differences over the blocks.
     """
     found: list[FloatArray] = []
+    share: list[float] = []
     count = 0
     for rows, values in zip(run.cycles, parts, strict=True):
         step_s = float(np.median(run.step_s[rows]))
@@ -130,9 +164,12 @@ def _density(run: RigRun, parts: Sequence[FloatArray], turn_rad: float) -> Densi
         calm = rate <= RATE_CHANGES * np.median(rate)
         size = _differences(values, every)[calm]
         found.append(np.median(size, axis=0) / ROBUST * np.sqrt(every * step_s))
+        share.append(COUNTED / COUNT * counted**2 / (every * step_s))
         count += size.size
-    value = max(float(np.sqrt(np.mean(np.square(found)))), 1e-30)
-    return Density(value=value, sigma=value * sqrt(MEDIAN_VARIANCE / max(count, 1)))
+    total2, share2 = float(np.mean(np.square(found))), float(np.mean(share))
+    value = max(sqrt(max(total2 - share2, DROWNED**2 * total2)), 1e-30)
+    sigma = (total2 * sqrt(MEDIAN_VARIANCE / max(count, 1)) + UNEVEN * share2) / value
+    return Density(value=value, sigma=sigma)
 
 
 def _differences(values: FloatArray, every: int) -> FloatArray:

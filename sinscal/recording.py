@@ -2,12 +2,13 @@
 
 import logging
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Literal, TypeVar
+from typing import Annotated, Literal, Self, TypeVar
 
 import numpy as np
 import pandas as pd
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from errormodel.arrays import FloatArray
 from errormodel.errors import InputError
@@ -19,7 +20,7 @@ from sinscal.earth import ARCSEC, DEG_PER_H, Site
 from sinscal.recording_build import build_rig
 from sinscal.recording_check import checked_rig
 from sinscal.recording_nav import NAV_FORM, BodyAxes, build_nav
-from sinscal.run import AXES, NavRun, RigFacts, RigRun
+from sinscal.run import AXES, NavRun, Quantum, RigFacts, RigRun
 
 log = logging.getLogger(__name__)
 
@@ -40,6 +41,25 @@ RIG_FORM = TableForm(
 Axis = Literal["x", "y", "z"]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Density = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+
+
+class QuantumTable(BaseModel):
+    """The steps in which the readings are counted: of increments, or of readings rounded."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    gyro_rad: NotNegative = 0.0
+    accel_m_s: NotNegative = 0.0
+    gyro_rad_s: NotNegative = 0.0
+    accel_m_s2: NotNegative = 0.0
+
+    @model_validator(mode="after")
+    def _one_of_each(self) -> Self:
+        for counted, rounded in (("gyro_rad", "gyro_rad_s"), ("accel_m_s", "accel_m_s2")):
+            if getattr(self, counted) and getattr(self, rounded):
+                raise ValueError(f"{counted} and {rounded}: expected one of them")
+        return self
 
 
 class RigSidecar(BaseModel):
@@ -58,6 +78,7 @@ class RigSidecar(BaseModel):
     gyro_noise_deg_h_rthz: Density | None = None
     accel_noise_m_s2_rthz: Density | None = None
     angle_noise_arcsec_rthz: Density | None = None
+    quantum: QuantumTable | None = None
     compensated_with: str | None = None
 
     @property
@@ -73,6 +94,7 @@ class RigSidecar(BaseModel):
             gyro_noise=None if gyro is None else gyro * DEG_PER_H,
             accel_noise=self.accel_noise_m_s2_rthz,
             angle_noise=None if angle is None else angle * ARCSEC,
+            quantum=Quantum() if self.quantum is None else Quantum(**self.quantum.model_dump()),
         )
 
 
@@ -98,7 +120,8 @@ def read_rig_run(path: Path | str, *, physics: bool = True) -> RigRun:
         The table; its sidecar NAME.toml lies beside it.
     physics : bool
         Whether the readings must also agree with gravity, the gyros with the forces, and the
-        rig's angle with the gyros (see `sinscal.recording_check`).
+        rig's angle with the gyros (see `sinscal.recording_check`), and what stands alone is mended
+        (see `sinscal.recording_mend`).
 
     Returns
     -------
@@ -113,7 +136,7 @@ def read_rig_run(path: Path | str, *, physics: bool = True) -> RigRun:
     """
     path = Path(path)
     sidecar, raw = _read(path, RIG_FORM, RigSidecar)
-    run = build_rig(raw, sidecar.facts)
+    run = build_rig(raw, sidecar.facts, mend=physics)
     run = checked_rig(run) if physics else run
     _tell(path, run.warnings)
     return run
@@ -259,6 +282,9 @@ def _sidecar_text(facts: RigFacts) -> str:
     if facts.axis_of_cycle is not None:
         axes = ", ".join(f'"{axis}"' for axis in facts.axis_of_cycle)
         lines.append(f"axis_of_cycle = [{axes}]")
+    steps = [f"{name} = {value!r}" for name, value in asdict(facts.quantum).items() if value]
+    if steps:
+        lines.append(f"quantum = {{ {', '.join(steps)} }}")
     return "\n".join(lines) + "\n"
 
 

@@ -2,7 +2,8 @@
 
 What may be missing: up to `BRIDGE` steps in a row are bridged by a straight line, the rows
 flagged; after a longer hole in time or in the gyros the attitude cannot be known, and the cycle is
-split there. Either is told in the run's warnings.
+split there. Rows of zeros are empty, and readings that stand alone are replaced
+(`sinscal.recording_mend`). All of it is told in the run's warnings.
 """
 
 from dataclasses import dataclass, replace
@@ -12,6 +13,13 @@ import numpy as np
 from errormodel.arrays import FloatArray, IntArray
 from errormodel.errors import InputError
 from errormodel.tables import RawTable
+from sinscal.recording_mend import (
+    refuse_many,
+    sensors_of,
+    wild_readings,
+    with_even_times,
+    zero_rows,
+)
 from sinscal.recording_rows import (
     check_times,
     cycles_of,
@@ -59,8 +67,15 @@ class _Rows:
         )
 
 
-def build_rig(raw: RawTable, facts: RigFacts) -> RigRun:
+def build_rig(raw: RawTable, facts: RigFacts, *, mend: bool = True) -> RigRun:
     """Make a rig run of a table.
+
+    Parameters
+    ----------
+    raw : RawTable
+    facts : RigFacts
+    mend : bool
+        Whether rows of zeros, readings that stand alone and stamps that jitter are put right.
 
     Raises
     ------
@@ -77,11 +92,14 @@ def build_rig(raw: RawTable, facts: RigFacts) -> RigRun:
         raise InputError(
             raw.source, "", f"{n_cycles} cycles, but axis_of_cycle of the sidecar names {given}"
         )
+    warnings: list[str] = []
+    raw = with_even_times(raw, cycle, warnings) if mend else raw
     nominal_s = _nominal_steps(raw, cycle)
     rows = _columns(raw, cycle, nominal_s)
-    warnings: list[str] = []
+    rows = _without_zeros(raw, rows, warnings) if mend else rows
     rows = _without_long_dropouts(raw, rows, warnings)
     rows = _bridged_dropouts(raw, rows, warnings)
+    rows = _without_wild(raw, rows, warnings) if mend else rows
     return _with_steps(raw, rows, nominal_s, facts, warnings)
 
 
@@ -140,6 +158,43 @@ def _triple(raw: RawTable, mean: str, increment: str, own_s: FloatArray) -> Floa
             raise InputError(raw.source, f"column {name}", "is empty")
     values = np.column_stack([raw.number[name] for name in names])
     return values / own_s[:, None] if found[0] == increment else values
+
+
+def _without_zeros(raw: RawTable, rows: _Rows, warnings: list[str]) -> _Rows:
+    """Empty the cells of triads that read nothing at all."""
+    no_rate, no_force = zero_rows(rows.gyro, rows.accel, rows.cycle)
+    either = no_rate | no_force
+    if not either.any():
+        return rows
+    refuse_many(raw, either, rows.cycle, rows.row, "zeros in all of a triad's cells")
+    which = [name for name, bad in (("gyros", no_rate), ("accelerometers", no_force)) if bad.any()]
+    warnings.append(
+        f"zero_rows: {int(either.sum())} rows of zeros ({', '.join(which)}) are taken as empty "
+        f"cells, from {raw.place(int(rows.row[np.argmax(either)]))}"
+    )
+    gyro, accel = np.array(rows.gyro), np.array(rows.accel)
+    gyro[no_rate], accel[no_force] = np.nan, np.nan
+    return replace(rows, gyro=gyro, accel=accel)
+
+
+def _without_wild(raw: RawTable, rows: _Rows, warnings: list[str]) -> _Rows:
+    """Put straight lines in place of readings that stand alone and flag their rows."""
+    found = {k: wild_readings(getattr(rows, k), rows.cycle) for k in ("gyro", "accel")}
+    either = np.hstack([*found.values()]).any(axis=1)
+    if not either.any():
+        return rows
+    refuse_many(raw, either, rows.cycle, rows.row, "a reading that stands alone")
+    which = [sensors_of(bad, kind) for kind, bad in found.items() if bad.any()]
+    warnings.append(
+        f"wild_readings: straight lines in place of readings that stand alone in "
+        f"{int(either.sum())} row(s) ({', '.join(which)}), from "
+        f"{raw.place(int(rows.row[np.argmax(either)]))}"
+    )
+    straight = {
+        kind: interpolated(np.where(bad, np.nan, getattr(rows, kind)), rows.cycle)
+        for kind, bad in found.items()
+    }
+    return replace(rows, **straight, flag=rows.flag | either)
 
 
 def _without_long_dropouts(raw: RawTable, rows: _Rows, warnings: list[str]) -> _Rows:

@@ -21,6 +21,13 @@ from sinscal.rigdata import RigNoise
 from sinscal.run import NavRun, RigRun
 
 MOUNT = "rig_mount_"
+# What the tests do not see. The clock: a rate is an angle over its seconds.
+CLOCK = ("the recorder's clock (1000 ppm fast is −1000 ppm in every gyro scale)",)
+NEVER = ("gravity that differs from the normal one", "two effects that hide each other")
+NO_EFFECTS = (
+    "effects that the model lacks, and so there are no protection levels: only rig calibrate of "
+    "raw sensors tests them"
+)
 LISTED = 500  # refused measurements; their number is always told
 
 
@@ -97,8 +104,15 @@ def result_content(judged: Judged, run: RigRun | NavRun, told: Estimates) -> dic
             {"kind": d.kind, "family": d.family, "sigma": d.sigma, "tau_s": d.tau_s}
             for d in judged.drifts
         ],
+        "not_tested": not_tested(judged),
         "warnings": judged.warnings,
     }
+
+
+def not_tested(judged: Judged) -> tuple[str, ...]:
+    """Return what no test of a calibration sees and no protection level holds, in words."""
+    untested = () if judged.consistency.effects else (NO_EFFECTS,)
+    return (*untested, *(CLOCK if isinstance(judged.found, RigCalibration) else ()), *NEVER)
 
 
 def run_digest(run: RigRun | NavRun) -> str:
@@ -125,6 +139,8 @@ def _noise(found: Calibration) -> dict[str, float | None]:
             "gyro_instability_rad_s": noise.gyro_instability,
             "accel_instability_m_s2": noise.accel_instability,
             "instability_tau_s": noise.instability_tau_s,
+            "gyro_quantum_rad": noise.gyro_quantum,
+            "accel_quantum_m_s": noise.accel_quantum,
         }
     return {**common, "velocity_m_s": noise.velocity_m_s, "position_m": noise.position_m}
 

@@ -109,6 +109,7 @@ class ResultContent(_Part):
     refused: dict[str, Any]
     protection: dict[str, Any] | None = None
     drift: tuple[dict[str, Any], ...] = ()
+    not_tested: tuple[str, ...] = ()
     warnings: tuple[str, ...]
 
     @model_validator(mode="after")
@@ -177,8 +178,7 @@ def result_digest(result: ResultContent) -> str:
     """Return the digest of a result's content."""
     content = result.model_dump(mode="json", exclude={"result_id"})
     # files made before these were known keep their digest
-    # files made before these were known keep their digest
-    for later in ("protection", "drift", "drifts"):
+    for later in ("protection", "drift", "drifts", "not_tested"):
         if not content.get(later):
             content.pop(later, None)
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:16]

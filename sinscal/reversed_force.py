@@ -5,6 +5,8 @@ whose part along the upward force is Ω sin φ. Over whole turns the gyros' own 
 part, or follow the rate, and both are fitted beside it.
 """
 
+from itertools import product
+
 import numpy as np
 
 from sinscal.bins import Bins
@@ -12,6 +14,7 @@ from sinscal.run import RigRun
 
 SURE, CLOSE = 8.0, 3.0  # sigmas from the sign that is refused; from the one that is found
 FEWEST = 60  # spans
+SLOWEST = np.deg2rad(0.2)  # rad/s: of slower turns nothing comes through scale or misalignment
 
 
 def force_points_down(run: RigRun, bins: Bins) -> bool:
@@ -21,10 +24,11 @@ def force_points_down(run: RigRun, bins: Bins) -> bool:
     up = bins.accel / np.linalg.norm(bins.accel, axis=1)[:, None]
     along = np.sum(bins.gyro * up, axis=1)
     columns = [np.ones((along.size, 1)), up]  # a bias of the gyros turns with the body
-    for k in np.unique(bins.cycle):
-        mine = (bins.cycle == k)[:, None]
-        axis = int(np.argmax(np.mean(bins.gyro[mine[:, 0]] ** 2, axis=0)))
-        rate = bins.gyro[:, axis : axis + 1] * mine
+    size = np.abs(bins.gyro)
+    turns = size.max(axis=1) > SLOWEST
+    for k, axis in product(np.unique(bins.cycle), range(3)):
+        mine = (bins.cycle == k) & turns & (size.argmax(axis=1) == axis)
+        rate = (bins.gyro[:, axis] * mine)[:, None]
         columns += [rate, rate * up]  # a tilted axis; misalignments
     design = np.hstack(columns)
     scale = np.linalg.norm(design, axis=0)

@@ -16,6 +16,8 @@ from sinscal.shocks import violent_rows
 # Where north is only sought, steps are put together up to so long and so much of a turn.
 THIN_STEP_S = 0.1
 THIN_TURN_RAD = 0.02
+# A step's square over the variance of what is rounded to it, or of what a counter has left over.
+COUNT = 12.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -30,6 +32,9 @@ class RigNoise:
         How much the rotation axis moves across itself, rad/√Hz; that of the angle if not given.
     gyro_instability, accel_instability, instability_tau_s : float
         Sigma and correlation time of slow drift; zero sigmas: none.
+    gyro_quantum, accel_quantum : float
+        Steps of counters of increments, rad and m/s; 0: not counted. Rounding of each reading by
+        itself is white and part of the densities.
     """
 
     gyro: float
@@ -39,6 +44,8 @@ class RigNoise:
     gyro_instability: float = 0.0
     accel_instability: float = 0.0
     instability_tau_s: float = 3600.0
+    gyro_quantum: float = 0.0
+    accel_quantum: float = 0.0
 
     @property
     def drifts(self) -> bool:
@@ -82,6 +89,18 @@ class CycleData:
             good=np.logical_and.reduceat(self.good, edges),
             first=interval_rows(motion.time_s, motion.step_s, interval_s),
             angle=None if self.angle is None else self.angle[last],
+        )
+
+    def beginning(self, intervals: int) -> "CycleData":
+        """Return the cycle's first intervals, as many as there are up to `intervals`."""
+        first = self.first[: intervals + 1]
+        rows = slice(int(first[-1]))
+        return replace(
+            self,
+            measured=self.measured.take(rows),
+            good=self.good[rows],
+            first=first,
+            angle=None if self.angle is None else self.angle[rows],
         )
 
 

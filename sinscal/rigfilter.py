@@ -25,7 +25,7 @@ from sinscal.integrate import (
     usable_s,
 )
 from sinscal.layout import RigLayout
-from sinscal.rigdata import CycleData, Nominal, RigNoise
+from sinscal.rigdata import COUNT, CycleData, Nominal, RigNoise
 from sinscal.sensors import Motion, SensorModel
 
 
@@ -94,10 +94,11 @@ def make_steps(
         columns = sensor_columns(sensors, followed.true, nominal.values, drift=layout.drift)
         found = sum_columns(followed.middle, followed.true.step_s, cycle.good, columns, cycle.first)
         steps = force_steps(found, layout, noise, nominal.earth[k], gravity_m_s2, k)
+        steps = _with_counts(steps, followed, found, layout, noise, gravity_m_s2)
         if layout.angle:
             steps = _with_angle(steps, followed, found, sensors, layout, noise)
         steps = replace(steps, z=_measured(followed, nominal, layout, gravity_m_s2))
-        parts += [_restart(layout, k), steps]
+        parts += [_restart(layout, noise, k), steps]
     return joined(parts)
 
 
@@ -146,12 +147,16 @@ def _measurements(layout: RigLayout) -> int:
     return 6 if layout.angle else 3
 
 
-def _restart(layout: RigLayout, k: int) -> Steps:
-    """Return the step before cycle k; slow drifts go on through it."""
+def _restart(layout: RigLayout, noise: RigNoise, k: int) -> Steps:
+    """Return the step before cycle k; slow drifts go on through it, counters do not."""
     lead = layout.moving
     steps = _empty(1, layout)
     steps.phi[0, :3, layout.start(k)] = np.eye(3)
     steps.phi[0, 3:, 3:lead] = np.eye(lead - 3)
+    if layout.counted:
+        for rows in layout.left_over:
+            steps.phi[0, rows] = 0.0
+            steps.q[0, rows] = noise.accel_quantum**2 / COUNT
     return steps
 
 
@@ -237,6 +242,32 @@ def force_steps(
     return steps
 
 
+def _with_counts(
+    steps: Steps,
+    followed: _Followed,
+    found: Intervals,
+    layout: RigLayout,
+    noise: RigNoise,
+    gravity_m_s2: float,
+) -> Steps:
+    """Put in what counters of increments do to the force.
+
+    The velocity gained over an interval is wrong by what the accelerometers' counters had left over
+    at its end less that at its start; what was left over in between stays there. The attitude is
+    wrong by what the gyros' had at the moment, by itself in every row.
+    """
+    first, length = followed.cycle.first, found.length_s[:, None, None]
+    attitude2 = noise.gyro_quantum**2 / COUNT / np.diff(first)[:, None]
+    steps.r[:, :2] += gravity_m_s2**2 * attitude2
+    if layout.counted:
+        before, after = layout.left_over
+        steps.h[:, :3, before] = -followed.middle[first[:-1]] / length
+        steps.h[:, :3, after] = followed.middle[first[1:] - 1] / length
+        steps.phi[:, before, after] = np.eye(3)
+        steps.q[:, after] = noise.accel_quantum**2 / COUNT
+    return steps
+
+
 def platform_mount(nominal: Nominal, k: int) -> FloatArray:
     """Return C_pb of cycle k: v_p = C_pb v_b."""
     return rotation(_mount_vector(nominal, k))
@@ -278,8 +309,9 @@ def _with_angle(
     h[:, 3, layout.unknowns.stop - columns.shape[1] : layout.unknowns.stop] = columns
     weight = np.maximum(found.weight_s, LEAST_S)
     wobble = noise.angle if noise.wobble is None else noise.wobble
-    r[:, 3] = noise.angle**2 / weight
-    r[:, 4:] = wobble**2 / weight[:, None]
+    counted = noise.gyro_quantum**2 / COUNT / np.diff(followed.cycle.first)
+    r[:, 3] = noise.angle**2 / weight + counted
+    r[:, 4:] = wobble**2 / weight[:, None] + counted[:, None]
     return steps
 
 

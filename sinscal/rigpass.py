@@ -12,6 +12,7 @@ from sinscal.alignment import find_north, found_azimuth, level_nominal
 from sinscal.attitude import rotation, rotvec_of
 from sinscal.layout import RigLayout
 from sinscal.priors import RigPrior
+from sinscal.reach import intervals_within_reach
 from sinscal.rigdata import CycleData, Nominal, RigNoise
 from sinscal.rigfilter import make_steps, remeasured
 from sinscal.run import RigFacts
@@ -143,6 +144,7 @@ class RigFilter:
             cycles=len(self.cycles),
             parameters=self.sensors.names,
             drift=self.noise.drifts,
+            counted=self.noise.accel_quantum > 0.0,
             wander=wander,
             angle=angle,
             remount=angle and self.prior.remount_sigma_rad > 0.0,
@@ -151,15 +153,26 @@ class RigFilter:
     def find_north(self, interval_s: float, gate: float = NO_GATE) -> tuple[Nominal, FloatArray]:
         """Level, then gyrocompass: iterate in axes of any azimuth, and turn them to north.
 
-        The data are taken at a lower rate: the filter that follows takes them at their own.
+        The data are taken at a lower rate: the filter that follows takes them at their own. They
+        are taken in from the start of each cycle as far as the attitude can be carried
+        (`sinscal.reach`).
         """
         site = self.facts.site
         layout = self.layout(wander=True)
         rough = self.thinned(interval_s)
         nominal = level_nominal(rough.cycles, self.sensors, self.prior.values, site)
-        ended = rough.iterate(nominal, layout, gate, ROUGHLY_SIGMAS)
-        improved = ended.nominal.improved(ended.filtered.state.x, layout)
-        north = find_north(improved, ended.filtered.state.cov, layout, site)
+        cov, taken = rough.start(nominal, nominal, layout).cov, 0
+        longest = max(c.first.size for c in rough.cycles) - 1
+        while True:
+            steps = rough.steps(nominal, layout)
+            taken = intervals_within_reach(steps, layout, cov, taken)
+            part = replace(rough, cycles=[c.beginning(taken) for c in rough.cycles])
+            ended = part.iterate(nominal, layout, gate, ROUGHLY_SIGMAS)
+            found = ended.filtered.state
+            nominal, cov = ended.nominal.improved(found.x, layout), found.cov
+            if taken == longest:
+                break
+        north = find_north(nominal, cov, layout, site)
         return north.nominal, north.sigma_rad
 
     def thinned(self, interval_s: float) -> "RigFilter":

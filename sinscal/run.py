@@ -21,6 +21,28 @@ def _slices(cycle: IntArray) -> tuple[slice, ...]:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Quantum:
+    """The steps in which readings are counted; 0: none.
+
+    A counter of increments carries what is less than a step into the next reading: its error is
+    that of the whole angle or velocity, up to half a step at any time. Readings that are rounded
+    one by one err by themselves.
+
+    Attributes
+    ----------
+    gyro_rad, accel_m_s : float
+        Of counters of increments.
+    gyro_rad_s, accel_m_s2 : float
+        Of readings that are rounded.
+    """
+
+    gyro_rad: float = 0.0
+    accel_m_s: float = 0.0
+    gyro_rad_s: float = 0.0
+    accel_m_s2: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class RigFacts:
     """What is known of the rig and the sensors beside the readings.
 
@@ -33,6 +55,7 @@ class RigFacts:
         Of the rotation axis from north clockwise; None when it is not known.
     gyro_noise, accel_noise, angle_noise : float, optional
         Densities of white noise: rad/s/√Hz, m/s²/√Hz, rad/√Hz. None when not known.
+    quantum : Quantum
     """
 
     site: Site
@@ -42,6 +65,7 @@ class RigFacts:
     gyro_noise: float | None = None
     accel_noise: float | None = None
     angle_noise: float | None = None
+    quantum: Quantum = Quantum()
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

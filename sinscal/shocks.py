@@ -12,6 +12,7 @@ from errormodel.arrays import FloatArray
 from sinscal.abrupt import stands_out
 from sinscal.recording_rows import stretches
 from sinscal.run import AXES, BoolArray, RigRun
+from sinscal.sensors import rate_derivative
 
 THRESHOLD = 10.0  # sigmas; Gaussian noise of a year at 100 Hz does not reach 7
 SPAN_S = 1.0  # of the running median that a shock stands out from
@@ -19,6 +20,8 @@ WIDEN_S = 0.05  # what rings on either side
 MOST = 0.02  # share of a cycle: more is the motion itself, not shocks
 CLIPPED = 4  # equal extreme samples in a row
 BEYOND = 1.1  # times gravity
+ARM_M = 0.3  # of a sensing mass from the axis: three times what is expected of a SINS
+SENSORS_OFF = 0.01  # of gravity, by a radian's turn: bias, scale and misalignment of a poor triad
 FORCE_OFF = 0.15  # of the usual force: beyond any sensor's error and any rig's acceleration
 
 
@@ -81,14 +84,30 @@ def _shocked(run: RigRun, part: slice) -> BoolArray:
     size = min(2 * round(0.5 * SPAN_S / step_s) + 1, 2 * (rows // 4) + 1)
     force = np.linalg.norm(run.accel[part], axis=1)
     usual = ndimage.median_filter(force, size=max(size, 3), mode="nearest")
-    marked |= stands_out((force - usual)[:, None], THRESHOLD)[:, 0]
+    off = force - usual
+    beyond = np.abs(off) > _moved_force(run, part, size)
+    marked |= stands_out(off[:, None], THRESHOLD)[:, 0] & beyond
     for values in (run.gyro[part], run.accel[part]):
         alone = values[1:-1] - 0.5 * (values[:-2] + values[2:])
-        # where a rate begins to change its neighbours differ too: that is motion
-        motion = np.abs(alone) < np.abs(values[2:] - values[:-2])
-        marked[1:-1] |= (stands_out(alone, THRESHOLD) & ~motion).any(axis=1)
+        # where a rate begins to change its neighbours differ too, along whatever axis: motion
+        apart = np.linalg.norm(values[2:] - values[:-2], axis=1)
+        motion = np.linalg.norm(alone, axis=1) < apart
+        marked[1:-1] |= stands_out(alone, THRESHOLD).any(axis=1) & ~motion
     around = max(1, round(WIDEN_S / step_s))
     return ndimage.binary_dilation(marked, iterations=around)
+
+
+def _moved_force(run: RigRun, part: slice, size: int) -> FloatArray:
+    """Return by how much the motion may change the size of the force within so many rows, m/s².
+
+    Masses off the axis feel the turn begin, and errors of the sensors turn with gravity.
+    """
+    rate = np.linalg.norm(run.gyro[part], axis=1)
+    change = np.linalg.norm(rate_derivative(run.gyro[part], run.step_s[part]), axis=1)
+    spin = ndimage.maximum_filter1d(rate, size) ** 2 - ndimage.minimum_filter1d(rate, size) ** 2
+    turn = ndimage.uniform_filter1d(rate, size) * size * float(np.median(run.step_s[part]))
+    gravity = run.facts.site.gravity_m_s2
+    return ARM_M * (ndimage.maximum_filter1d(change, 3) + spin) + SENSORS_OFF * gravity * turn
 
 
 def _clipped(force: FloatArray, gravity: float) -> list[tuple[int, int]]:

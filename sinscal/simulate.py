@@ -9,7 +9,7 @@ from scipy.signal import lfilter
 
 from errormodel.arrays import FloatArray
 from sinscal.motion import CycleMotion, RigFaults, RigMotion
-from sinscal.run import RigFacts, RigRun
+from sinscal.run import Quantum, RigFacts, RigRun
 from sinscal.sensors import Motion, SensorModel, as_vector
 
 
@@ -123,6 +123,7 @@ def simulate_rig(
             gyro_noise=noise.gyro or None,
             accel_noise=noise.accel or None,
             angle_noise=(noise.angle or None) if with_angle else None,
+            quantum=Quantum(gyro_rad=noise.gyro_quantum, accel_m_s=noise.accel_quantum),
         ),
         source="the simulated run",
     )

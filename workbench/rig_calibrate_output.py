@@ -40,10 +40,6 @@ TOLD_IN: Mapping[str, tuple[str, float]] = {
     "rig_angle_harmonic_2": ("″", ARCMIN / 60.0),
 }
 WELL_PROTECTED = 2.0  # times the noise's share: below it no effect is worth telling
-UNSEEN = (
-    "what no test sees and no level holds: the recorder's clock (1000 ppm fast is −1000 ppm in "
-    "every gyro scale), gravity that differs from the normal one, two effects that hide each other"
-)
 SHOWN = 10  # refused measurements in words
 TESTS = {
     "converged": "the iteration came to rest",
@@ -121,6 +117,8 @@ def sentences(result: ResultContent) -> Iterator[str]:
     flagged = result.refused["flagged_rows_by_cycle"]
     yield f"rows flagged by cycle: {', '.join(str(n) for n in flagged)}"
     yield from refused_lines(result)
+    if result.not_tested:
+        yield f"not tested: {'; '.join(result.not_tested)}"
 
 
 def refused_lines(result: ResultContent) -> Iterator[str]:
@@ -175,7 +173,6 @@ def protection_lines(result: ResultContent) -> Iterator[str]:
             over = "above" if group in result.protection["exceeded"] else "within"
             line += f" ({over} the limit of {number(limits[group] / size, 3)} {unit})"
         yield line
-    yield UNSEEN
 
 
 def worst_levels(result: ResultContent) -> dict[str, tuple[str, Mapping[str, Any]]]:

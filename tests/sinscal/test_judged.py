@@ -87,6 +87,10 @@ def test_noise_that_is_stated_a_little_wrong_is_measured(factor: float) -> None:
     judged = calibrate_and_judge(replace(run, facts=facts), Options())
     assert judged.passed
     assert names_of(judged.warnings) == {"noise_misstated"}
+    told = " ".join(judged.warnings)
+    for sensor, found in (("gyro", judged.found.noise.gyro / facts.gyro_noise),
+                          ("accelerometer", judged.found.noise.accel / facts.accel_noise)):  # fmt: skip
+        assert f"{sensor} noise is {found:.2f} times what is stated" in told
     # third differences know a density to some 2 %
     assert isinstance(judged.found.noise, RigNoise)
     assert abs(judged.found.noise.accel / accel - 1.0) < 0.06

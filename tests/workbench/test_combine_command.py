@@ -99,6 +99,10 @@ def test_combined_result_is_told_and_written(
     assert json.loads(out.read_text(encoding="utf-8"))["result_id"] == document["result_id"]
     page = (report / "report.html").read_text(encoding="utf-8")
     assert "rig against chamber" in page
+    untested, clock, *_ = document["not_tested"]
+    assert untested.startswith("effects that the model lacks, and so there are no protection level")
+    assert "clock" in clock
+    assert f"not tested: {untested}" in page
     assert {"temperature.png", "models.png", "moved.png", "flight.png", "estimates.png"} < {
         p.name for p in report.iterdir()
     }

@@ -44,6 +44,9 @@ def test_precise_calibration_is_written_told_and_applied(
     assert document["consistency"]["passed"] is True
     page = (report / "report.html").read_text(encoding="utf-8")
     assert "passed: the calibration is consistent" in page
+    assert "1000 ppm fast is −1000 ppm in every gyro scale" in document["not_tested"][0]
+    assert "not tested: the recorder" in page
+    assert "; ".join(document["not_tested"][1:]) in page
     assert {p.name for p in report.iterdir()} == {
         "report.html", "estimates.png", "innovations.png", "sigmas.png", "correlations.png",
         "motion.png",
@@ -83,6 +86,7 @@ def test_a_protection_level_above_its_limit_ends_with_1_and_says_what_to_add(
     told = run(calibrate, *words, "--protect", "accel_misalignment=60")
     assert told.return_value == 1
     assert "failed: protection level above the limit: gyro_bias" in told.stdout
+    assert "not tested: the recorder's clock (1000 ppm fast" in told.stdout
     line = next(x for x in told.stdout.splitlines() if "protection level of gyro_bias" in x)
     assert "above the limit of 0.001 °/h" in line
     assert "--groups gyro_scale_asymmetry" in line or "record the temperature" in line
