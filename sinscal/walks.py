@@ -1,0 +1,106 @@
+"""Random walks of gyros and accelerometers together, as large as a run leaves them likely.
+
+Where one kind wanders the other often does, and beside the larger walk the smaller one does not
+show by itself. So once a run shows a walk, both are given one: of the most likely correlation time,
+and of the mean variance over all pairs of sizes, each weighted by its likelihood. The size that is
+itself most likely would be zero wherever a walk just does not show; the mean is as large as the run
+leaves open, and the sigmas carry it. A walk of standard deviation σ and correlation time τ over a
+run of length T is a sum of waves cos(kπt/T) of variances 4σ²τ / (T(1 + (kπτ/T)²)); sent through the
+gains of a filter that knows of no walk, they tell the likelihood of every σ and τ.
+
+References
+----------
+Harville, D. A. (1977), Maximum likelihood approaches to variance component estimation and to
+related problems, J. Am. Stat. Assoc. 72.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+from scipy.special import logsumexp
+
+from errormodel.arrays import FloatArray
+from errormodel.discrepancy.problem import independent
+from sinscal.discrepancy_filter import FilterProblem
+from sinscal.effect_views import DRIFT_SIGMAS
+from sinscal.rig_effects import DRIFTS
+
+WAVES = 20  # half waves over the run: a walk of T/32 still has three quarters of its power in them
+TAU_SHARES = (1.0, 0.5, 0.25, 0.125, 0.0625, 0.03125)  # correlation times tried, of the run
+SIZES = np.logspace(-3.0, 1.0, 25)  # sigmas tried, in `DRIFT_SIGMAS`
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Walks:
+    """Sigmas of both kinds' walks about their mean, rad/s and m/s², and their common time, s."""
+
+    gyro: float
+    accel: float
+    tau_s: float
+
+
+def likely_walks(problem: FilterProblem, variance: float) -> Walks:
+    """Return the walks of both kinds that a run leaves likely.
+
+    Parameters
+    ----------
+    problem : FilterProblem
+        Of a calibration whose filter allows for no walk.
+    variance : float
+        Of the normalised innovations, 1 where the noise is as stated.
+    """
+    at = problem.elapsed_s - problem.elapsed_s[0]
+    span_s = float(at[-1])
+    information, score = _of_waves(problem, at / span_s)
+    information, score = information / variance, score / variance
+    sizes = list(product(SIZES.tolist(), repeat=len(DRIFTS)))
+    shapes = [_shape(float(share) * span_s, span_s) for share in TAU_SHARES]
+    likelihood = np.array(
+        [[_likelihood(information, score, size, shape) for size in sizes] for shape in shapes]
+    )
+    # all sigmas are as likely beforehand: a point of a logarithmic grid stands for its width
+    weight = likelihood + np.sum(np.log(sizes), axis=1)
+    k = int(np.argmax(logsumexp(weight, axis=1)))
+    share = np.exp(weight[k] - logsumexp(weight[k]))
+    rms = np.sqrt(share @ np.square(sizes))
+    sigmas = {e.drift: s for e, s in zip(DRIFTS, rms.tolist(), strict=True)}
+    return Walks(
+        gyro=sigmas["gyro"] * DRIFT_SIGMAS["gyro"],
+        accel=sigmas["accel"] * DRIFT_SIGMAS["accel"],
+        tau_s=TAU_SHARES[k] * span_s,
+    )
+
+
+def _of_waves(problem: FilterProblem, share: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return information and score of all waves of all kinds, in expected sigmas."""
+    waves = np.cos(np.pi * np.outer(share, np.arange(1, WAVES + 1)))
+    parts: list[FloatArray] = []
+    for effect in DRIFTS:
+        _, h, phi = problem.columns_of(effect)
+        wide = [(a[:, :, :, None] * waves[:, None, None, :]).reshape(*a.shape[:2], -1)
+                for a in (h, phi)]  # fmt: skip
+        parts.append(DRIFT_SIGMAS[effect.drift or ""] * problem.normalised(*wide))
+    columns = np.hstack(parts)
+    bearing = independent(problem.bearing())
+    columns -= bearing @ (bearing.T @ columns)
+    residual = problem.residual - bearing @ (bearing.T @ problem.residual)
+    return columns.T @ columns, columns.T @ residual
+
+
+def _shape(tau_s: float, span_s: float) -> FloatArray:
+    """Return the sigma of every wave of a walk of unit sigma, shape (WAVES,)."""
+    turned = np.pi * np.arange(1, WAVES + 1) * tau_s / span_s
+    return np.sqrt(4.0 * tau_s / span_s / (1.0 + turned**2))
+
+
+def _likelihood(
+    information: FloatArray, score: FloatArray, size: Sequence[float], shape: FloatArray
+) -> float:
+    """Return by how much walks of these sizes raise the log likelihood."""
+    sigma = np.concatenate([np.tile(s * shape, 3) for s in size])
+    factor = cho_factor(np.eye(sigma.size) + sigma[:, None] * information * sigma)
+    seen = sigma * score
+    return float(0.5 * seen @ cho_solve(factor, seen) - np.sum(np.log(np.diag(factor[0]))))
