@@ -30,7 +30,7 @@ from sinscal.rig_effects import DRIFTS
 
 WAVES = 20  # half waves over the run: a walk of T/32 still has three quarters of its power in them
 TAU_SHARES = (1.0, 0.5, 0.25, 0.125, 0.0625, 0.03125)  # correlation times tried, of the run
-SIZES = np.logspace(-3.0, 1.0, 25)  # sigmas tried, in `DRIFT_SIGMAS`
+SIZES = np.logspace(-3.0, 1.0, 13)  # sigmas tried, in `DRIFT_SIGMAS`
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
