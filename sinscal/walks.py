@@ -2,7 +2,7 @@
 
 Where one kind wanders the other often does, and beside the larger walk the smaller one does not
 show by itself. So once a run shows a walk, both are given one: of the most likely correlation time,
-and of the mean variance over all pairs of sizes, each weighted by its likelihood. The size that is
+and of the mean variance over all pairs of sizes, each weighted by its probability. The size that is
 itself most likely would be zero wherever a walk just does not show; the mean is as large as the run
 leaves open, and the sigmas carry it. A walk of standard deviation σ and correlation time τ over a
 run of length T is a sum of waves cos(kπt/T) of variances 4σ²τ / (T(1 + (kπτ/T)²)); sent through the
@@ -14,9 +14,7 @@ Harville, D. A. (1977), Maximum likelihood approaches to variance component esti
 related problems, J. Am. Stat. Assoc. 72.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import product
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
@@ -30,7 +28,7 @@ from sinscal.rig_effects import DRIFTS
 
 WAVES = 20  # half waves over the run: a walk of T/32 still has three quarters of its power in them
 TAU_SHARES = (1.0, 0.5, 0.25, 0.125, 0.0625, 0.03125)  # correlation times tried, of the run
-SIZES = np.logspace(-3.0, 1.0, 13)  # sigmas tried, in `DRIFT_SIGMAS`
+SIZES = np.logspace(-3.0, 1.0, 41)  # sigmas tried, in those expected: `DRIFT_SIGMAS`
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,16 +54,14 @@ def likely_walks(problem: FilterProblem, variance: float) -> Walks:
     span_s = float(at[-1])
     information, score = _of_waves(problem, at / span_s)
     information, score = information / variance, score / variance
-    sizes = list(product(SIZES.tolist(), repeat=len(DRIFTS)))
-    shapes = [_shape(float(share) * span_s, span_s) for share in TAU_SHARES]
-    likelihood = np.array(
-        [[_likelihood(information, score, size, shape) for size in sizes] for shape in shapes]
-    )
-    # all sigmas are as likely beforehand: a point of a logarithmic grid stands for its width
-    weight = likelihood + np.sum(np.log(sizes), axis=1)
-    k = int(np.argmax(logsumexp(weight, axis=1)))
+    shapes = [np.tile(_shape(share * span_s, span_s), 3) for share in TAU_SHARES]
+    likelihood = np.array([_likelihood(information, score, shape) for shape in shapes])
+    # beforehand a size is |N(0, 1)|, and a point of a logarithmic grid stands for its width
+    before = np.log(SIZES) - 0.5 * SIZES**2
+    weight = likelihood + before[:, None] + before
+    k = int(np.argmax(logsumexp(weight, axis=(1, 2))))
     share = np.exp(weight[k] - logsumexp(weight[k]))
-    rms = np.sqrt(share @ np.square(sizes))
+    rms = np.sqrt([share.sum(axis=1 - kind) @ SIZES**2 for kind in range(2)])
     sigmas = {e.drift: s for e, s in zip(DRIFTS, rms.tolist(), strict=True)}
     return Walks(
         gyro=sigmas["gyro"] * DRIFT_SIGMAS["gyro"],
@@ -96,11 +92,22 @@ def _shape(tau_s: float, span_s: float) -> FloatArray:
     return np.sqrt(4.0 * tau_s / span_s / (1.0 + turned**2))
 
 
-def _likelihood(
-    information: FloatArray, score: FloatArray, size: Sequence[float], shape: FloatArray
-) -> float:
-    """Return by how much walks of these sizes raise the log likelihood."""
-    sigma = np.concatenate([np.tile(s * shape, 3) for s in size])
-    factor = cho_factor(np.eye(sigma.size) + sigma[:, None] * information * sigma)
-    seen = sigma * score
-    return float(0.5 * seen @ cho_solve(factor, seen) - np.sum(np.log(np.diag(factor[0]))))
+def _likelihood(information: FloatArray, score: FloatArray, shape: FloatArray) -> FloatArray:
+    """Return by how much walks raise the log likelihood, by the sizes of the first kind and second.
+
+    The first kind's waves are eliminated at each of its sizes; of what is left of the second's the
+    eigenvalues tell every size.
+    """
+    n = shape.size
+    both = np.tile(shape, 2)
+    scaled, seen = both[:, None] * information * both, both * score
+    out = np.empty((SIZES.size, SIZES.size))
+    for i, size in enumerate(SIZES):
+        factor = cho_factor(np.eye(n) + size**2 * scaled[:n, :n])
+        across = size**2 * cho_solve(factor, np.column_stack([scaled[:n, n:], seen[:n]]))
+        values, axes = np.linalg.eigh(scaled[n:, n:] - scaled[n:, :n] @ across[:, :-1])
+        left = axes.T @ (seen[n:] - scaled[n:, :n] @ across[:, -1])
+        more = 1.0 + SIZES[:, None] ** 2 * np.maximum(values, 0.0)
+        first = 0.5 * seen[:n] @ across[:, -1] - np.sum(np.log(np.diag(factor[0])))
+        out[i] = first + 0.5 * np.sum(SIZES[:, None] ** 2 * left**2 / more - np.log(more), axis=1)
+    return out
