@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sinscal.discrepancy_filter import FilterProblem
+from sinscal.earth import DEG_PER_H
 from sinscal.effect_tests import EffectTest, EffectTests
 from sinscal.effect_views import DRIFT_SIGMAS, RAMP, WALK
 from sinscal.rig_effects import BY_NAME
@@ -21,9 +22,10 @@ from sinscal.terms import Kind
 from sinscal.walks import likely_walks
 
 WORDS = {"walk": "a random walk", "ramp": "an even drift", "warm_up": "a drift that fades"}
-_OF_KIND: Mapping[Kind, tuple[str, str]] = {
-    "gyro": ("rad/s", "gyros"),
-    "accel": ("m/s²", "accelerometers"),
+# the unit of --gyro-instability and the like, how many SI units that is, and the sensors
+_OF_KIND: Mapping[Kind, tuple[str, float, str]] = {
+    "gyro": ("°/h", DEG_PER_H, "gyros"),
+    "accel": ("m/s²", 1.0, "accelerometers"),
 }
 
 
@@ -74,10 +76,10 @@ class Drift:
     @property
     def sentence(self) -> str:
         """What drifts, and how."""
-        unit, sensors = _OF_KIND[self.kind]
+        unit, size, sensors = _OF_KIND[self.kind]
         return (
             f"the constant errors of the {sensors} drift slowly; {WORDS[self.family]} of about "
-            f"{self.sigma:.2g} {unit} over {self.tau_s:.0f} s is the most probable course"
+            f"{self.sigma / size:.2g} {unit} over {self.tau_s:.0f} s is the most probable course"
         )
 
     @property
@@ -85,10 +87,10 @@ class Drift:
         """What a calibration says of it."""
         if self.shown:
             return f"drift_estimated: {self.sentence}; it is estimated, and the sigmas carry it"
-        unit, sensors = _OF_KIND[self.kind]
+        unit, size, sensors = _OF_KIND[self.kind]
         return (
-            f"drift_allowed: a random walk of the {sensors} of {self.sigma:.2g} {unit} would not "
-            "show beside the drift that was found; the sigmas carry it"
+            f"drift_allowed: beside the drift that was found, one of the {sensors} of about "
+            f"{self.sigma / size:.2g} {unit} would not show; the sigmas carry it"
         )
 
 
