@@ -98,12 +98,15 @@ def delay_row(by_s: float, mode: str, seed: int) -> dict[str, object]:
 def main(argv: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description="Hold names to what is hidden.")
     parser.add_argument("--drifts", type=int, default=0, help="seeds of each kind of drift")
-    parser.add_argument("--delays", type=int, default=0, help="seeds of each delay and mode")
+    parser.add_argument("--delays", type=int, default=0, help="seeds of each delay")
     parser.add_argument("--out", type=Path, required=True, help="JSON lines, appended to")
     asked = parser.parse_args(argv)
     modes = ("coarse", "precise")
+    # both programmes in each mode in turn
     wanted = [(n, modes[s // 2 % 2], s) for s in range(asked.drifts) for n in DRIFTING]
-    wanted += [(f"delay {d:g}", m, s) for s in range(asked.delays) for d in DELAYS_S for m in modes]
+    delays = [f"delay {d:g}" for d in DELAYS_S]
+    wanted += [(n, modes[s // 2 % 2], s) for s in range(asked.delays) for n in delays]
+    wanted.sort(key=lambda w: w[2] / (asked.drifts if w[0] in DRIFTING else asked.delays))
     made = {(r["hidden"], r["mode"], r["seed"]) for r in rows_of(asked.out)}
     for name, mode, seed in (w for w in wanted if w not in made):
         if name in DRIFTING:
