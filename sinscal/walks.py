@@ -55,7 +55,7 @@ def likely_walks(problem: FilterProblem, variance: float) -> Walks:
     information, score = _of_waves(problem, at / span_s)
     information, score = information / variance, score / variance
     shapes = [np.tile(_shape(share * span_s, span_s), 3) for share in TAU_SHARES]
-    likelihood = np.array([_likelihood(information, score, shape) for shape in shapes])
+    likelihood = np.array([walks_likelihood(information, score, shape) for shape in shapes])
     # beforehand a size is |N(0, 1)|, and a point of a logarithmic grid stands for its width
     before = np.log(SIZES) - 0.5 * SIZES**2
     weight = likelihood + before[:, None] + before
@@ -92,11 +92,19 @@ def _shape(tau_s: float, span_s: float) -> FloatArray:
     return np.sqrt(4.0 * tau_s / span_s / (1.0 + turned**2))
 
 
-def _likelihood(information: FloatArray, score: FloatArray, shape: FloatArray) -> FloatArray:
-    """Return by how much walks raise the log likelihood, by the sizes of the first kind and second.
+def walks_likelihood(information: FloatArray, score: FloatArray, shape: FloatArray) -> FloatArray:
+    """Return by how much walks of all pairs of `SIZES` raise the log likelihood, shape (s, s).
 
     The first kind's waves are eliminated at each of its sizes; of what is left of the second's the
     eigenvalues tell every size.
+
+    Parameters
+    ----------
+    information : ndarray, shape (2n, 2n)
+        Of the n waves of the first kind and the n of the second.
+    score : ndarray, shape (2n,)
+    shape : ndarray, shape (n,)
+        Sigmas of the waves of a walk of size one, of either kind.
     """
     n = shape.size
     both = np.tile(shape, 2)
