@@ -17,7 +17,6 @@ related problems, J. Am. Stat. Assoc. 72.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
 from scipy.special import logsumexp
 
 from errormodel.arrays import FloatArray
@@ -109,13 +108,15 @@ def walks_likelihood(information: FloatArray, score: FloatArray, shape: FloatArr
     n = shape.size
     both = np.tile(shape, 2)
     scaled, seen = both[:, None] * information * both, both * score
+    of_first, axes = np.linalg.eigh(scaled[:n, :n])
+    across, seen_first = axes.T @ scaled[:n, n:], axes.T @ seen[:n]
     out = np.empty((SIZES.size, SIZES.size))
-    for i, size in enumerate(SIZES):
-        factor = cho_factor(np.eye(n) + size**2 * scaled[:n, :n])
-        across = size**2 * cho_solve(factor, np.column_stack([scaled[:n, n:], seen[:n]]))
-        values, axes = np.linalg.eigh(scaled[n:, n:] - scaled[n:, :n] @ across[:, :-1])
-        left = axes.T @ (seen[n:] - scaled[n:, :n] @ across[:, -1])
-        more = 1.0 + SIZES[:, None] ** 2 * np.maximum(values, 0.0)
-        first = 0.5 * seen[:n] @ across[:, -1] - np.sum(np.log(np.diag(factor[0])))
-        out[i] = first + 0.5 * np.sum(SIZES[:, None] ** 2 * left**2 / more - np.log(more), axis=1)
+    for i, power in enumerate(SIZES**2):
+        more = 1.0 + power * np.maximum(of_first, 0.0)
+        taken = power / more
+        first = np.sum(taken * seen_first**2 - np.log(more))
+        of_second, axes = np.linalg.eigh(scaled[n:, n:] - across.T @ (taken[:, None] * across))
+        left = axes.T @ (seen[n:] - across.T @ (taken * seen_first))
+        more = 1.0 + SIZES[:, None] ** 2 * np.maximum(of_second, 0.0)
+        out[i] = 0.5 * (first + np.sum(SIZES[:, None] ** 2 * left**2 / more - np.log(more), axis=1))
     return out
