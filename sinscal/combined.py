@@ -139,7 +139,7 @@ def combined_prior(
         Sigma by which a coefficient may have changed since the chamber, in the chamber model's own
         unit (`k0` in g, `k1` relative); added to the chamber's covariance.
     """
-    prior = make_prior(sensors, file)
+    prior = make_prior(sensors, file, others=chamber_names(sensors, chambers))
     values, cov = prior.values.copy(), prior.cov.copy()
     for axis, given in enumerate(chambers):
         chamber = given.without_mounting()

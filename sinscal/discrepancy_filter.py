@@ -31,7 +31,7 @@ from errormodel.gains import signatures
 from sinscal.calibrate import RigCalibration
 from sinscal.consistency import ALONG, FORCES, Rows, rows_of_rig
 from sinscal.discrepancy_factors import history, rig_factors, slow_hats
-from sinscal.priors import MOUNT_SIGMA_RAD, prior_sigma
+from sinscal.priors import prior_sigma
 from sinscal.rig_effects import EFFECTS, TIME, RigEffect
 from sinscal.rigdata import CycleData
 from sinscal.rigfilter import make_steps
@@ -171,7 +171,7 @@ class FilterProblem:
 
     def prior_sigmas(self, effect: RigEffect) -> FloatArray:
         """Return how large an effect's unknowns are expected to be, in the order of its columns."""
-        return np.array([prior_sigma(n) or MOUNT_SIGMA_RAD for n in self.columns_of(effect)[0]])
+        return np.array([prior_sigma(n) for n in self.columns_of(effect)[0]])
 
     def unit_of(self, effect: RigEffect) -> str:
         """Return the unit of an effect's first unknown."""

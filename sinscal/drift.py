@@ -1,21 +1,32 @@
 """Slow drift of the constant errors: its family by likelihood, and into the model with it.
 
 A walk enters the filter as noise of the motion, so that every sigma carries it; an even or fading
-course enters as a term of three unknowns beside the constant error.
+course enters as a term of three unknowns beside the constant error. Where one kind of sensor walks,
+the other is allowed a walk too, as large as the run leaves it likely: beside the larger one it
+would not show.
 """
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from sinscal.discrepancy_filter import FilterProblem
+from sinscal.earth import DEG_PER_H
 from sinscal.effect_tests import EffectTest, EffectTests
 from sinscal.effect_views import DRIFT_SIGMAS, RAMP, WALK
 from sinscal.rig_effects import BY_NAME
 from sinscal.rig_model_file import BiasDrift
 from sinscal.rigdata import RigNoise
 from sinscal.terms import Kind
+from sinscal.walks import likely_walks
 
 WORDS = {"walk": "a random walk", "ramp": "an even drift", "warm_up": "a drift that fades"}
+# the unit of --gyro-instability and the like, how many SI units that is, and the sensors
+_OF_KIND: Mapping[Kind, tuple[str, float, str]] = {
+    "gyro": ("°/h", DEG_PER_H, "gyros"),
+    "accel": ("m/s²", 1.0, "accelerometers"),
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -33,6 +44,8 @@ class Drift:
         Of a walk its correlation time, of a warm-up its time constant, of a ramp the run's length.
     span_s : float
         The run's length.
+    shown : bool
+        Whether a test showed it; False of a walk that is only allowed for beside another.
     """
 
     kind: Kind
@@ -40,6 +53,7 @@ class Drift:
     sigma: float
     tau_s: float
     span_s: float
+    shown: bool = True
 
     @property
     def term(self) -> BiasDrift | None:
@@ -50,7 +64,7 @@ class Drift:
         return BiasDrift(kind=self.kind, tau_s=tau_s, span_s=self.span_s)
 
     def allowed_for(self, noise: RigNoise) -> RigNoise:
-        """Return noise that has the drift; that of another kind stays, at the longer time."""
+        """Return noise that has the drift; that of another kind stays."""
         if self.family != "walk":
             return noise
         if self.kind == "gyro":
@@ -62,33 +76,60 @@ class Drift:
     @property
     def sentence(self) -> str:
         """What drifts, and how."""
-        unit = "rad/s" if self.kind == "gyro" else "m/s²"
-        sensors = "gyros" if self.kind == "gyro" else "accelerometers"
+        unit, size, sensors = _OF_KIND[self.kind]
         return (
             f"the constant errors of the {sensors} drift slowly; {WORDS[self.family]} of about "
-            f"{self.sigma:.2g} {unit} over {self.tau_s:.0f} s is the most probable course"
+            f"{self.sigma / size:.2g} {unit} over {self.tau_s:.0f} s is the most probable course"
         )
 
     @property
     def warning(self) -> str:
         """What a calibration says of it."""
-        return f"drift_estimated: {self.sentence}; it is estimated, and the sigmas carry it"
+        if self.shown:
+            return f"drift_estimated: {self.sentence}; it is estimated, and the sigmas carry it"
+        unit, size, sensors = _OF_KIND[self.kind]
+        return (
+            f"drift_allowed: beside the drift that was found, one of the {sensors} of about "
+            f"{self.sigma / size:.2g} {unit} would not show; the sigmas carry it"
+        )
 
 
-def drift_shown(effects: EffectTests, span_s: float) -> Drift | None:
-    """Return the drift that explains best what the innovations show; None if it is something else.
+def further_drifts(
+    effects: EffectTests, problem: FilterProblem, known: Sequence[Drift], variance: float
+) -> tuple[Drift, ...]:
+    """Return the drift that explains best what the innovations show, and a walk allowed beside it.
 
     Parameters
     ----------
     effects : EffectTests
         Of a calibration without it.
-    span_s : float
-        Length of the run.
+    problem : FilterProblem
+        Of that calibration.
+    known : sequence of Drift
+        What its model has already.
+    variance : float
+        Of the normalised innovations, 1 where the noise is as stated.
+
+    Returns
+    -------
+    tuple of Drift
+        None where something else explains it better, or where the model has such a drift.
     """
-    if not effects.missing:
-        return None
-    best = effects.missing[0]
-    return drift_of(best, span_s)
+    span_s = problem.run.length_s
+    best = drift_of(effects.missing[0], span_s) if effects.missing else None
+    if best is None or any(d.kind == best.kind and d.shown for d in known):
+        return ()
+    if best.family != "walk":
+        return (best,)
+    if any(d.family == "walk" for d in known):
+        return ()
+    walks = likely_walks(problem, variance)
+    sigmas: dict[Kind, float] = {"gyro": walks.gyro, "accel": walks.accel}
+    found = [
+        replace(best, kind=k, sigma=s, tau_s=walks.tau_s, shown=k == best.kind)
+        for k, s in sigmas.items()
+    ]
+    return tuple(sorted(found, key=lambda d: not d.shown))
 
 
 def drift_of(test: EffectTest, span_s: float) -> Drift | None:

@@ -19,7 +19,7 @@ from errormodel.gains import followed
 from sinscal.calibrate import RigCalibration
 from sinscal.discrepancy_filter import EDGE_S, FilterProblem
 from sinscal.effect_tests import EffectTest, EffectTests
-from sinscal.priors import GROUP_SIGMAS, MOUNT_SIGMA_RAD, group_of, prior_sigma
+from sinscal.priors import GROUP_SIGMAS, group_of, prior_sigma
 from sinscal.rig_effects import DRIFTS, EFFECTS, RigEffect
 from sinscal.rigdata import CycleData
 from sinscal.run import RigRun
@@ -181,7 +181,7 @@ def _shapes(
     """
     names, h, phi = problem.columns_of(effect)
     if not (effect.step or effect.drift):
-        size = np.array([prior_sigma(n, given) or MOUNT_SIGMA_RAD for n in names])
+        size = np.array([prior_sigma(n, given) for n in names])
         yield (), names, size, h, phi
         return
     for theta, waves, sizes in _courses(problem, effect, given):

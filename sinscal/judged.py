@@ -18,7 +18,8 @@ from sinscal.consistency import (
     refused_of,
     rows_of_rig,
 )
-from sinscal.drift import Drift, drift_shown
+from sinscal.discrepancy_filter import FilterProblem
+from sinscal.drift import Drift, further_drifts
 from sinscal.effect_views import EffectView, effect_views, tested_effects
 from sinscal.holdout import Held, HoldOut, cycles_held, hold_out, shift_test, without_cycle
 from sinscal.judged_warnings import Calibration, warnings_of
@@ -177,22 +178,29 @@ def _with_drifts(
     views = effect_views(run, found, cycles, given)
     drifts: tuple[Drift, ...] = ()
     while True:
-        tests = tested_effects(views, variance_of(found))
-        drift = drift_shown(tests, run.length_s)
-        if drift is None or any(d.kind == drift.kind for d in drifts) or _allowed(drift, options):
+        variance = variance_of(found)
+        tests, problem = tested_effects(views, variance), FilterProblem(run, found, cycles, ())
+        more = _not_asked(further_drifts(tests, problem, drifts, variance), options)
+        if not more:
             return found, views, drifts
-        drifts = (*drifts, drift)
-        tell(f"again with {drift.family} of the {drift.kind}s")
+        drifts = (*drifts, *more)
+        tell(f"again with {more[0].family} of the {more[0].kind}s")
         sensors = model_for(run, options, tuple(d.term for d in drifts if d.term))
-        noise = drift.allowed_for(found.noise)
+        noise = found.noise
+        for drift in more:
+            noise = drift.allowed_for(noise)
         found = _calibrated(run, options, sensors, noise)
         views = effect_views(run, found, cycles, given)
 
 
-def _allowed(drift: Drift, options: Options) -> bool:
-    """Return whether a drift is allowed for already, as large as was asked."""
+def _not_asked(drifts: tuple[Drift, ...], options: Options) -> tuple[Drift, ...]:
+    """Return drifts without those that are allowed for as large as was asked; none if it is found.
+
+    The first is what the run shows.
+    """
     asked = {"gyro": options.gyro_instability, "accel": options.accel_instability}
-    return asked.get(drift.kind, 0.0) > 0.0
+    left = tuple(d for d in drifts if not asked.get(d.kind))
+    return left if left[:1] == drifts[:1] else ()
 
 
 def variance_of(found: RigCalibration) -> float:

@@ -64,12 +64,13 @@ def _missing(effects: EffectTests) -> list[str]:
         return []
     first, *others = effects.missing
     effect = BY_NAME[first.name]
+    what = effect.sentence.removesuffix(".")
     groups = f"--groups {effect.name} estimates it; " if effect.groups else ""
     more = f"; so would, less well, {', '.join(t.name for t in others)}" if others else ""
     return [
         f"effect_missing: {effect.name} would explain what the innovations show (χ² "
         f"{first.chi2:.0f} with {first.dof} degrees of freedom, p {first.p_value:.1g}): "
-        f"{effect.sentence}{more}; {groups}`accelbench discrepancy rig` says which it is"
+        f"{what}{more}; {groups}`accelbench discrepancy rig` says which it is"
     ]
 
 

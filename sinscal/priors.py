@@ -1,6 +1,6 @@
 """What is known before a calibration: sigmas of the sensors' errors and of the rig's."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -38,6 +38,10 @@ GROUP_SIGMAS: Mapping[str, float] = {
     "rig_angle_harmonic_2": 120.0 * ARCMIN / 60.0,
 }
 MOUNT_SIGMA_RAD = float(np.deg2rad(1.0))  # the article's
+# An effect of which nothing is expected would never show and never cost anything: a figure of
+# "0.0 ± 0.0" instead of an error.
+if without := set(GROUPS) - set(GROUP_SIGMAS):
+    raise LookupError(f"groups without a prior: {', '.join(sorted(without))}")
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -112,23 +116,46 @@ def told_group(name: str) -> str:
 
 
 def prior_sigma(name: str, given: Mapping[str, float] = {}) -> float:
-    """Return an unknown's sigma: its own, its group's, or 0 for what is no group's."""
-    sigmas = {**GROUP_SIGMAS, **given}
-    if name in sigmas:
-        return sigmas[name]
-    try:
-        return sigmas.get(group_of(name), 0.0)
-    except KeyError:  # a chamber's coefficient: its prior is the chamber's
-        return 0.0
+    """Return an unknown's sigma: its own or its group's, SI.
+
+    Parameters
+    ----------
+    name : str
+        Of the sensors' errors, or of the mounting (`rig_mount_x`).
+    given : mapping of str to float
+        Sigmas by group or name that go before the usual ones.
+
+    Raises
+    ------
+    KeyError
+        If it belongs to no group.
+    """
+    if name in given:
+        return given[name]
+    if name.startswith("rig_mount_"):
+        return MOUNT_SIGMA_RAD
+    group = group_of(name)
+    return given.get(group, GROUP_SIGMAS[group])
 
 
-def make_prior(sensors: SensorModel, file: PriorFile | None = None) -> RigPrior:
+def make_prior(
+    sensors: SensorModel, file: PriorFile | None = None, *, others: Collection[str] = ()
+) -> RigPrior:
     """Return the prior of a sensor model: the groups' sigmas, and what a file says instead.
+
+    Parameters
+    ----------
+    sensors : SensorModel
+    file : PriorFile, optional
+    others : collection of str
+        Unknowns of no group, whose prior the caller has (a chamber's coefficients); here sigma 0.
 
     Raises
     ------
     InputError
         If the file names something that is not in the model.
+    KeyError
+        If an unknown belongs to no group and is none of the others.
     """
     given = file or PriorFile()
     names = sensors.names
@@ -137,7 +164,7 @@ def make_prior(sensors: SensorModel, file: PriorFile | None = None) -> RigPrior:
         for name in getattr(given, part):
             if name not in known or (part == "mean" and name not in names):
                 raise InputError("the priors", f"{part}.{name}", "not an unknown of this model")
-    sigmas = np.array([prior_sigma(name, given.sigma) for name in names])
+    sigmas = np.array([0.0 if n in others else prior_sigma(n, given.sigma) for n in names])
     values = sensors.start_values()
     for name, value in given.mean.items():
         values[names.index(name)] = value

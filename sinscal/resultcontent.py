@@ -101,7 +101,13 @@ def result_content(judged: Judged, run: RigRun | NavRun, told: Estimates) -> dic
         "refused": _refused(judged),
         "protection": protection_document(judged),
         "drift": [
-            {"kind": d.kind, "family": d.family, "sigma": d.sigma, "tau_s": d.tau_s}
+            {
+                "kind": d.kind,
+                "family": d.family,
+                "sigma": d.sigma,
+                "tau_s": d.tau_s,
+                "shown": d.shown,
+            }
             for d in judged.drifts
         ],
         "not_tested": not_tested(judged),

@@ -77,7 +77,8 @@ def _held(ctx: click.Context, param: click.Parameter, value: str) -> Held:
 @click.option("--holdout", callback=_held, default=LAST, metavar="N|last|each|none",
               help="Cycle to judge by the others.")  # fmt: skip
 @click.option("--protect", multiple=True, metavar="GROUP=LIMIT",
-              help="Pass only with a protection level up to this, e.g. gyro_bias=0.05, in the unit "
+              help="Pass only when a missing effect that no test shows cannot make an error of the "
+              "group larger than this (its protection level), e.g. gyro_bias=0.05, in the unit "
               "that the group is told in; repeatable.")  # fmt: skip
 @click.option("--out", type=Path, help="RESULT.json to write.")
 @click.option("--report", type=Path, help="Folder for the report and its figures.")

@@ -40,13 +40,19 @@ TOLD_IN: Mapping[str, tuple[str, float]] = {
     "rig_angle_harmonic_2": ("″", ARCMIN / 60.0),
 }
 WELL_PROTECTED = 2.0  # times the noise's share: below it no effect is worth telling
+LEVELS = (
+    "protection level: the largest error, of the worst parameter of a group, that an effect "
+    "missing from the model can cause in a run that passes (all but 1 % of them), and three sigmas "
+    "more"
+)
+VOID = "as tests failed, the levels below hold only once what is wrong is mended"
 SHOWN = 10  # refused measurements in words
 TESTS = {
     "converged": "the iteration came to rest",
     "nis": "innovations are as large as their sigmas say",
     "white": "innovations are white",
-    "no_slow_drift": "no slow drift",
-    "within_bound": "what is only bounded is within its bound",
+    "no_slow_drift": "innovations show no slow drift",
+    "within_bound": "errors that have a bound instead of a sigma are within it",
     "held_out": "a cycle held out agrees with the others",
     "prior": "the errors are no larger than expected beforehand",
     "complete": "the innovations show no effect that the model lacks",
@@ -64,7 +70,10 @@ def verdict(result: ResultContent) -> str:
     tests: Mapping[str, bool | None] = result.consistency["tests"]
     failed = [TESTS[name] for name, ok in tests.items() if ok is False]
     if not failed and result.protection and (exceeded := result.protection["exceeded"]):
-        return f"failed: protection level above the limit: {', '.join(exceeded)}"
+        return (
+            f"failed: protection level above the limit: {', '.join(exceeded)}; all tests passed, "
+            "but they would not show an effect that is missing"
+        )
     if not failed:
         not_made = [TESTS[name] for name, ok in tests.items() if ok is None]
         rest = f" (not tested: {'; '.join(not_made)})" if not_made else ""
@@ -74,7 +83,7 @@ def verdict(result: ResultContent) -> str:
     }
     asks = "; `accelbench discrepancy rig` looks for what the model lacks"
     hint = asks if missing and result.mode != "navigation" else ""
-    return f"failed: not so: {'; '.join(failed)}{hint}"
+    return f"failed: it does not hold that {'; that '.join(failed)}{hint}"
 
 
 def sentences(result: ResultContent) -> Iterator[str]:
@@ -94,8 +103,8 @@ def sentences(result: ResultContent) -> Iterator[str]:
     )
     if bounded := c["bounded"]:
         yield (
-            f"rows whose noise is only bounded: NIS {number(bounded['nis_mean'], 3)}, at most "
-            f"{bounded['nis_interval'][1]:.3f} allowed"
+            f"rows that have a bound instead of a sigma: NIS {number(bounded['nis_mean'], 3)}, "
+            f"at most {bounded['nis_interval'][1]:.3f} allowed"
         )
     for held in c["held_out"]:
         line = (
@@ -161,17 +170,21 @@ def protection_lines(result: ResultContent) -> Iterator[str]:
     if not result.protection:
         return
     limits: Mapping[str, float] = result.protection["limits"]
+    yield LEVELS
+    if not result.consistency["passed"]:
+        yield VOID
     for group, (name, one) in worst_levels(result).items():
         unit, size = TOLD_IN.get(group, (result.parameters[name].unit, 1.0))
-        line = (
-            f"protection level of {group}: {number(one['total'] / size, 2)} {unit}, "
-            f"{number(one['covariance'] / size, 2)} of it noise"
-        )
-        if one["total"] > WELL_PROTECTED * one["covariance"]:
-            line += f"; most by {one['worst']}: {remedy(one['worst'])}"
+        line = f"protection level of {group}: {number(one['total'] / size, 2)} {unit}"
         if group in limits:
             over = "above" if group in result.protection["exceeded"] else "within"
-            line += f" ({over} the limit of {number(limits[group] / size, 3)} {unit})"
+            line += f", {over} the limit of {number(limits[group] / size, 3)} {unit}"
+        line += f"; three sigmas are {number(one['covariance'] / size, 2)} {unit}"
+        if one["total"] > WELL_PROTECTED * one["covariance"]:
+            line += (
+                f", the rest is what {one['worst']} could do unseen; to lower it: "
+                f"{remedy(one['worst'])}"
+            )
         yield line
 
 

@@ -64,13 +64,11 @@ def calibration_sections(
 
 
 def _protection(result: ResultContent) -> tuple[Section, ...]:
-    points = tuple(protection_lines(result))
-    said = (
-        "The largest error that an effect missing from the model may cause while the tests stay "
-        "quiet, with probability 99 %, and three sigmas of the estimate; of each group the worst "
-        "parameter."
-    )
-    return (Section(title="Protection levels", lines=(said,), points=points),) if points else ()
+    if not result.protection:
+        return ()
+    said, *points = protection_lines(result)
+    lines = (f"{said[0].upper()}{said[1:]}.",)
+    return (Section(title="Protection levels", lines=lines, points=tuple(points)),)
 
 
 def _warnings(result: ResultContent) -> Section:

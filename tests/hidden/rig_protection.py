@@ -1,6 +1,8 @@
 """Does a calibration's protection level hold when its model lacks an effect? Blind rig runs.
 
-    python -m tests.hidden.rig_protection --seeds 10 --out table.json
+    python -m tests.hidden.rig_protection --seeds 10 --sound 50 --out runs.jsonl
+
+What the file holds already is not made again, so that a study can be cut short and gone on with.
 
 Each run hides one effect that `rig calibrate` is not told of, of a size from 0.3 to 3 times what
 its tests can see (strength 7 by the yardstick), but no larger than three times what is expected of
@@ -15,6 +17,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -177,6 +180,13 @@ def cells() -> Iterator[tuple[str, str]]:
             yield name, mode
 
 
+def rows_of(path: Path) -> list[dict[str, Any]]:
+    """Return the runs that a file holds: what was made is not made again."""
+    if not path.exists():
+        return []
+    return [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
+
+
 def main(argv: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description="Hold protection levels to hidden truths.")
     parser.add_argument("--seeds", type=int, default=10)
@@ -188,16 +198,21 @@ def main(argv: Sequence[str] | None = None) -> None:
     seeds = range(asked.first, asked.first + asked.seeds)
     wanted = [(n, m, s) for s in seeds for n, m in cells() if not asked.only or n in asked.only]
     wanted += [("nothing", m, s) for s in range(asked.sound) for m in ("coarse", "precise")]
+    # evenly over all, so that a study cut short has as many of each
+    count = {"nothing": asked.sound}
+    wanted.sort(key=lambda w: w[2] / count.get(w[0], asked.seeds))
+    made = {(r["hidden"], r["mode"], r["seed"]) for r in rows_of(asked.out)}
+    wanted = [w for w in wanted if w not in made]
     for name, mode, seed in wanted:
         protocol = ("multirate", "article")[seed % 2]
         setup = replace(PROTOCOLS[protocol], angles=mode == "precise")
         options = Options(mode="precise" if mode == "precise" else "coarse")
         number = [*LARGEST, *UNRECORDED, "nothing"].index(name)
         with tempfile.TemporaryDirectory() as folder:
-            made, truth, times = one_run(name, setup, (seed, number), Path(folder), options)
+            judged, truth, times = one_run(name, setup, (seed, number), Path(folder), options)
         row = {"hidden": name, "mode": mode, "programme": protocol, "seed": seed, "times": times}
         with asked.out.open("a", encoding="utf-8") as file:
-            file.write(json.dumps(row | record(made, truth)) + "\n")
+            file.write(json.dumps(row | record(judged, truth)) + "\n")
 
 
 if __name__ == "__main__":
