@@ -10,6 +10,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from errormodel.arrays import FloatArray
+from errormodel.errors import InputError
 from errormodel.robust import bisquare_fit, robust_sigma
 from thermo.recording_model import RecordedRuns
 
@@ -24,6 +25,20 @@ FAHRENHEIT_C = 135.0  # above: hotter than a quartz accelerometer is tested, and
 LONG_STEP_S = 1000.0
 OWN_SCALE = {"g": 1.0}  # output unit per g where the unit itself says it
 SI_PREFIXES = {1e3: "a thousand", 1e6: "a million", 1e-3: "a thousandth", 1e-6: "a millionth"}
+
+
+def checked_units(record: RecordedRuns, *, trust_units: bool) -> tuple[str, ...]:
+    """Return what is doubtful about the units of a record that is used all the same.
+
+    Raises
+    ------
+    InputError
+        With the first of what is doubtful, unless `trust_units`.
+    """
+    doubts = unit_complaints(record)
+    if doubts and not trust_units:
+        raise InputError(record.source, "", f"{doubts[0]} (--trust-units takes them as stated)")
+    return doubts
 
 
 def unit_complaints(record: RecordedRuns) -> tuple[str, ...]:
