@@ -8,13 +8,16 @@ from scipy.sparse.csgraph import connected_components
 from errormodel.arrays import BoolArray, FloatArray, IntArray
 from errormodel.robust import robust_sigma, running_median
 
+OVERLOAD = 9.9e37  # what SCPI instruments give for an overload (and 9.91e37 for no number)
 # A normal deviate is beyond 6.5 sigma once in 1e10. The rest is for sigmas that are estimated, and
 # for tails somewhat heavier than normal.
 LIMIT_SIGMA = 6.5
 HALF_WINDOWS = (2, 5, 25)  # values on either side; a burst shorter than that is found
 LONGEST_BURST = 12  # values; at an end of a series the median sees half a window of others
+DIGIT_SIGMA = 0.74  # of a digit: 0.5/Φ⁻¹(3/4); with more noise than that most digits change
 LINK_SIGMA = 4.0  # neighbours nearer than that belong together
 REACH = 2  # over one outlier on the way
+ROUNDING = 1e-12  # of the range: less is no step but the machine's
 TREND_WINDOW = 5  # steps on either side
 
 
@@ -35,7 +38,15 @@ def usual_trend(at: FloatArray, values: FloatArray) -> FloatArray:
     return np.concatenate([[0.0], np.cumsum(slope * steps)])
 
 
-def stray_values(values: FloatArray, resolution: float) -> BoolArray:
+def sigma_of(off: FloatArray, digit: float) -> float:
+    """Return a robust sigma of deviations that come in steps of a digit.
+
+    Most of them may be 0: noise up to 0.74 of a digit can hide so.
+    """
+    return max(robust_sigma(off), DIGIT_SIGMA * digit)
+
+
+def stray_values(values: FloatArray, digit: float, least: float = 0.0) -> BoolArray:
     """Tell the values that leave the running median of their neighbours, shape (n,).
 
     Where the series itself moves, the median is off by less than that within the window, which is
@@ -44,15 +55,17 @@ def stray_values(values: FloatArray, resolution: float) -> BoolArray:
     Parameters
     ----------
     values : ndarray, shape (n,)
-    resolution : float
-        Of the values; smaller deviations are none.
+    digit : float
+        Smallest step of the values as they were read.
+    least : float
+        Smaller deviations are none.
     """
     stray = np.zeros(len(values), dtype=np.bool_)
     for half in HALF_WINDOWS:
         median = running_median(values, half)
         off = values - median
         moved = _spread(median, 2 * half)
-        stray |= np.abs(off) > LIMIT_SIGMA * robust_sigma(off) + moved + resolution
+        stray |= np.abs(off) > LIMIT_SIGMA * sigma_of(off, digit) + moved + least
     return stray
 
 
@@ -100,8 +113,9 @@ def cut_off(values: FloatArray, suspects: IntArray, tolerance: float) -> IntArra
 
 def smallest_step(values: FloatArray) -> float:
     """Return the smallest step between different values: the last digit, or the noise."""
-    distinct = np.unique(values)
-    return float(np.diff(distinct).min()) if len(distinct) > 1 else 0.0
+    steps = np.diff(np.unique(values))
+    steps = steps[steps > ROUNDING * float(steps.sum())]
+    return float(steps.min()) if len(steps) else 0.0
 
 
 def _spread(values: FloatArray, half: int) -> FloatArray:

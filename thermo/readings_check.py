@@ -22,7 +22,9 @@ from errormodel.arrays import FloatArray, IntArray
 from errormodel.outliers import (
     LIMIT_SIGMA,
     LINK_SIGMA,
+    OVERLOAD,
     cut_off,
+    sigma_of,
     smallest_step,
     stray_values,
     usual_trend,
@@ -36,7 +38,6 @@ from thermo.readings_series import (
     expected_output,
     preliminary_model,
 )
-from thermo.recording_check import OVERLOAD
 from thermo.recording_model import RecordedRuns
 
 log = logging.getLogger(__name__)
@@ -161,7 +162,8 @@ def _temperature_outliers(one: Series) -> dict[int, str]:
     """Find temperatures that leave what their neighbours do, and come back."""
     if len(one.rows) < FEWEST:
         return {}
-    bad = stray_values(one.temp_c - usual_trend(one.time_s, one.temp_c), SENSOR_STEP_C)
+    trend = usual_trend(one.time_s, one.temp_c)
+    bad = stray_values(one.temp_c - trend, smallest_step(one.temp_c), SENSOR_STEP_C)
     return {int(row): "temperature_outlier" for row in one.rows[bad]}
 
 
@@ -182,10 +184,10 @@ def _output_outliers(one: Series, model: FloatArray) -> dict[int, str]:
         if len(mine) < FEWEST:
             continue
         off[mine] = residual[mine] - running_median(residual[mine], OUTPUT_HALF_WINDOW)
-        sigma = robust_sigma(off[mine])
-        suspect = np.flatnonzero(np.abs(off[mine]) > LIMIT_SIGMA * sigma + digit)
-        bad[mine[cut_off(residual[mine], suspect, LINK_SIGMA * sigma + digit)]] = True
-    left_over, tolerance = np.flatnonzero(bad), LINK_SIGMA * robust_sigma(off) + digit
+        sigma = sigma_of(off[mine], digit)
+        suspect = np.flatnonzero(np.abs(off[mine]) > LIMIT_SIGMA * sigma)
+        bad[mine[cut_off(residual[mine], suspect, LINK_SIGMA * sigma)]] = True
+    left_over, tolerance = np.flatnonzero(bad), LINK_SIGMA * sigma_of(off, digit)
     # what lags turns smoothly; the slopes of temperature in the model turn at once
     for left in (residual, one.output - expected_output(one, model, with_rates=False)):
         left_over = cut_off(_as_one(left, group), left_over, tolerance)

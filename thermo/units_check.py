@@ -12,6 +12,7 @@ import numpy as np
 from errormodel.arrays import FloatArray
 from errormodel.errors import InputError
 from errormodel.robust import bisquare_fit, robust_sigma
+from errormodel.time_units import time_complaint
 from thermo.recording_model import RecordedRuns
 
 SCALE_RANGE = (0.5, 2.0)  # of nominal; no accelerometer is made so badly
@@ -22,7 +23,7 @@ FULL_TURN_RAD = 6.4
 RADIANS_FIT_BETTER = 0.2  # of the residual that degrees leave
 KELVIN_C = 180.0  # all above: no accelerometer works there, and −93 °C in kelvin is as cold
 FAHRENHEIT_C = 135.0  # above: hotter than a quartz accelerometer is tested, and −40…176 °F is usual
-LONG_STEP_S = 1000.0
+LONG_STEP_S, TYPICAL_STEP_S = 1000.0, 3.0
 OWN_SCALE = {"g": 1.0}  # output unit per g where the unit itself says it
 SI_PREFIXES = {1e3: "a thousand", 1e6: "a million", 1e-3: "a thousandth", 1e-6: "a millionth"}
 
@@ -75,20 +76,8 @@ def _of_accelerometer(part: RecordedRuns, serial: str) -> Iterator[str]:
 def _times(part: RecordedRuns) -> Iterator[str]:
     steps = np.diff(part.time_s)
     steps = steps[(np.diff(part.run.codes) == 0) & (steps > 0)]
-    if len(steps) < 10:
-        return
-    usual_s = float(np.median(steps))
-    if usual_s >= LONG_STEP_S:
-        unit = "µs" if usual_s >= 1e5 else "ms"
-        yield f"time_s grows by {usual_s:g} from reading to reading: are the times in {unit}?"
-        return
-    for factor, unit in ((1e3, "ms"), (1e6, "µs")):
-        long = np.abs(steps / (factor * usual_s) - 1) < 0.01
-        if long.sum() >= 3:
-            yield (
-                f"{int(long.sum())} steps of time_s are {factor:g} times the usual "
-                f"{usual_s:g} s: are some of the times in {unit}?"
-            )
+    if doubt := time_complaint(steps, LONG_STEP_S, TYPICAL_STEP_S, "time_s"):
+        yield doubt
 
 
 def _temperatures(part: RecordedRuns) -> Iterator[str]:
