@@ -14,7 +14,7 @@ docs/explanation/readings.md.
 """
 
 import logging
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
@@ -79,8 +79,8 @@ def flag_readings(record: RecordedRuns, place: Callable[[int], str] | None = Non
     for one in all_series(record, flags):
         flags |= _temperature_outliers(one)
     usual = {serial: preliminary_model(record, serial, flags) for serial in record.serials}
-    for one in all_series(record, flags):
-        flags |= _clipped(one, usual[one.serial])
+    for serial in record.serials:
+        flags |= _clipped(list(all_series(record, flags, serial)), usual[serial])
     structured = list[str]()
     for serial in record.serials:
         found: dict[int, str] = {}
@@ -141,20 +141,26 @@ def _is_clipped(one: Series, extreme: float) -> bool:
     return False
 
 
-def _clipped(one: Series, model: FloatArray) -> dict[int, str]:
+def _clipped(runs: Sequence[Series], model: FloatArray) -> dict[int, str]:
     """Find readings at an end of the range, and those that were near enough to be cut off.
 
-    What is left of a position just below the end is the lower half of its noise: readings that
-    the model expects within the noise of the end go as well.
+    Digits that are the end in one run are so in all of them. What is left of a position just below
+    the end is the lower half of its noise: readings that the model expects within the noise of the
+    end go as well.
     """
     found: dict[int, str] = {}
-    for end, extreme in ((-1.0, one.output.min()), (1.0, one.output.max())):
-        if not _is_clipped(one, float(extreme)):
-            continue
+    ends = [
+        (sign, extreme)
+        for one in runs
+        for sign, extreme in ((-1.0, float(one.output.min())), (1.0, float(one.output.max())))
+        if _is_clipped(one, extreme)
+    ]
+    for one in runs if ends else ():
         expected = expected_output(one, model)
         sigma = robust_sigma(one.output - expected)
-        cut = (one.output == extreme) | (end * (expected - extreme) > -CLIP_SIGMA * sigma)
-        found |= {int(row): "clipped" for row in one.rows[cut]}
+        for sign, extreme in ends:
+            cut = (one.output == extreme) | (sign * (expected - extreme) > -CLIP_SIGMA * sigma)
+            found |= {int(row): "clipped" for row in one.rows[cut]}
     return found
 
 
