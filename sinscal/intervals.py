@@ -5,6 +5,15 @@ statistic is that scatter over the noise, averaged over the channels: the genera
 ratio of "at rest" against "anything else". The noise and how much the statistic scatters at rest
 come from the recording: from the lowest peak of the statistic's distribution and what lies below
 it, for motion only adds above.
+
+A converter may be coarser than the noise. Then a reading at rest keeps its digits, or goes to and
+fro between two of them: half a step is the least scatter that is called motion. The mean over a
+rest does not tell where within the step the value lies; what that leaves is `digit_sigma`.
+
+References
+----------
+B. Widrow, I. Kollár, "Quantization Noise", Cambridge 2008, chapter 4 (error of a quantised mean
+with Gaussian dither).
 """
 
 from dataclasses import dataclass
@@ -15,6 +24,7 @@ from scipy import ndimage
 
 from errormodel.arrays import FloatArray, IntArray, freeze, readonly, readonly_int
 from errormodel.errors import InputError
+from errormodel.outliers import smallest_step
 from sinscal.recording_rows import stretches
 from sinscal.run import BoolArray
 
@@ -40,6 +50,10 @@ class RestIntervals:
         Of the channels over each.
     noise : ndarray, shape (c,)
         Sigma of one sample at rest, in the channels' units.
+    digit : ndarray, shape (c,)
+        Smallest step between different readings.
+    digit_sigma : ndarray, shape (c,)
+        Sigma of a mean from that step, which more rows do not reduce.
     step_s : float
     too_short : int
         Stretches that were at rest for less than the shortest wanted.
@@ -51,6 +65,8 @@ class RestIntervals:
     last: IntArray
     means: FloatArray
     noise: FloatArray
+    digit: FloatArray
+    digit_sigma: FloatArray
     step_s: float
     too_short: int
     total_s: float
@@ -62,6 +78,8 @@ class RestIntervals:
             last=readonly_int(self.last),
             means=readonly(self.means),
             noise=readonly(self.noise),
+            digit=readonly(self.digit),
+            digit_sigma=readonly(self.digit_sigma),
         )
 
     def __len__(self) -> int:
@@ -117,12 +135,13 @@ def find_intervals(
     if not np.isfinite(values).all():
         row = int(np.argmin(np.isfinite(values).all(axis=1)))
         raise InputError(source, f"row {row + 1}", "expected finite numbers")
-    scatter = _variance(values, window)
+    digit = np.array([smallest_step(column) for column in values.T])
+    scatter = np.maximum(_variance(values, window), (0.5 * digit) ** 2)
     noise2 = _quiet(scatter)
     statistic = np.mean(scatter / noise2, axis=1)
     still = np.zeros(values.shape[0], dtype=np.bool_)
     still[window // 2 : window // 2 + statistic.size] = statistic < _threshold(statistic)
-    return _assemble(values, still, step_s, shortest_s, np.sqrt(noise2))
+    return _assemble(values, still, step_s, shortest_s, np.sqrt(noise2), digit)
 
 
 def _variance(values: FloatArray, window: int) -> FloatArray:
@@ -175,6 +194,7 @@ def _assemble(
     step_s: float,
     shortest_s: float,
     noise: FloatArray,
+    digit: FloatArray,
 ) -> RestIntervals:
     found: list[tuple[int, int]] = []
     too_short = 0
@@ -188,15 +208,42 @@ def _assemble(
     first = np.array([a for a, _ in joined], dtype=np.intp)
     last = np.array([b - 1 for _, b in joined], dtype=np.intp)
     means = [np.mean(values[a:b], axis=0) for a, b in joined]
+    within = [np.var(values[a:b], axis=0) for a, b in joined]
+    unseen = np.zeros(values.shape[1])
+    coarse = noise < digit  # finer ones are dither enough: e^(−2π²) of a step
+    if joined and coarse.any():
+        unseen[coarse] = [
+            _unseen_sigma(float(v), float(q))
+            for v, q in zip(np.mean(within, axis=0)[coarse], digit[coarse], strict=True)
+        ]
     return RestIntervals(
         first=first,
         last=last,
         means=np.array(means).reshape(-1, values.shape[1]),
         noise=noise,
+        digit=digit,
+        digit_sigma=unseen,
         step_s=step_s,
         too_short=too_short,
         total_s=values.shape[0] * step_s,
     )
+
+
+def _unseen_sigma(scatter2: float, digit: float) -> float:
+    """Return the sigma of a mean of coarse readings, from their mean variance at rest.
+
+    Of noise σ and step q, over all places within a step, readings have the variance
+    σ² + q²/12 − B, and their means the variance B = q²/(2π²)·Σ e^(−(2πkσ/q)²)/k².
+    """
+    k = np.arange(1, 40)
+    low, high = 0.0, digit
+    for _ in range(60):
+        sigma = 0.5 * (low + high)
+        terms = np.exp(-((2 * np.pi * k * sigma / digit) ** 2)) / k**2
+        unseen2 = digit**2 / (2 * np.pi**2) * float(np.sum(terms))
+        too_small = sigma**2 + digit**2 / 12 - unseen2 < scatter2
+        low, high = (sigma, high) if too_small else (low, sigma)
+    return float(np.sqrt(unseen2))
 
 
 def _joined(
@@ -220,6 +267,8 @@ def what_is_missing(intervals: RestIntervals, needed: int) -> str:
     k = len(intervals)
     if k >= needed:
         return ""
+    if intervals.total_s == 0:
+        return f"{k} positions, expected {needed} at least, better {2 * needed}"
     parts = [
         f"{k} rests of {SHORTEST_S:g} s or more found in {intervals.total_s:.0f} s, "
         f"expected {needed} at least, better {2 * needed}"

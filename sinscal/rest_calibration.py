@@ -6,14 +6,19 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from errormodel.arrays import FloatArray
+from errormodel.arrays import FloatArray, IntArray
 from errormodel.errors import InputError
+from errormodel.outliers import HALF_WINDOWS, OVERLOAD, smallest_step, stray_values
+from errormodel.robust import running_median
+from errormodel.time_units import time_complaint
 from sinscal.intervals import RestIntervals, find_intervals, what_is_missing
 from sinscal.plain_log import read_plain_log, step_of
 from sinscal.recording import read_rig_run
 from sinscal.triad import Gauge, TriadFit, fit_triad
 from sinscal.triad_model import parameter_names
 
+LONG_STEP_S, TYPICAL_STEP_S = 1.0, 0.01
+SCALE_RANGE = (0.5, 2.0)  # of nominal; no accelerometer is made so badly
 Unit: TypeAlias = Literal["count", "m/s2", "g", "V", "mA"]
 
 
@@ -32,6 +37,10 @@ class Rests:
     gravity_m_s2 : float
     unit : str
     source : str
+    doubt : str
+        What makes the unit of its times doubtful; empty when nothing does.
+    mean_sigma : float, optional
+        Where each row is the mean over a position: its sigma, in `unit`; 0 when not known.
     """
 
     accel: FloatArray
@@ -41,6 +50,8 @@ class Rests:
     unit: Unit
     source: str
     temp_c: FloatArray | None = None
+    doubt: str = ""
+    mean_sigma: float | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -48,7 +59,8 @@ class RestCalibration:
     """A triad calibrated at rest.
 
     `before_m_s2` is |f| − g of each position with nominal readings; of counts and voltages, with
-    one scale for all axes and the biases taken off.
+    one scale for all axes and the biases taken off. `left_out` are the rows of single readings
+    that no accelerometer gives, `doubts` sentences on times and units that are unlikely.
     """
 
     rests: Rests
@@ -56,6 +68,8 @@ class RestCalibration:
     fit: TriadFit
     before_m_s2: FloatArray
     forces: FloatArray
+    left_out: IntArray
+    doubts: tuple[str, ...]
 
 
 def rests_of_run(path: Path | str, gravity_m_s2: float | None = None) -> Rests:
@@ -93,8 +107,10 @@ def rests_of_log(
     """
     wanted = columns if time_column is None else (*columns, time_column)
     values = read_plain_log(path, wanted)
+    doubt = ""
     if time_column is not None:
         step_s = step_of(values[:, 3], str(path))
+        doubt = time_complaint(np.diff(values[:, 3]), LONG_STEP_S, TYPICAL_STEP_S, time_column)
     if step_s is None:
         raise InputError(path, "", "expected its rate, or a column of times")
     return Rests(
@@ -104,26 +120,84 @@ def rests_of_log(
         gravity_m_s2=gravity_m_s2,
         unit=unit,
         source=str(path),
+        doubt=doubt,
     )
 
 
-def calibrate_at_rest(
-    rests: Rests, *, gauge: Gauge = "lower", with_temperature: bool = False
-) -> RestCalibration:
-    """Find the rests and fit the triad.
+def rests_of_means(
+    path: Path | str,
+    columns: tuple[str, str, str],
+    *,
+    gravity_m_s2: float,
+    unit: Unit = "count",
+    sigma: float = 0.0,
+) -> Rests:
+    """Read a table with a position a row: the mean reading of each axis over it.
+
+    Parameters
+    ----------
+    path : path
+    columns : tuple of str
+    gravity_m_s2 : float
+    unit : str
+    sigma : float
+        Of a mean, in `unit`; when it is 0, what the positions differ by tells it.
 
     Raises
     ------
     InputError
-        If there are too few rests; it says what the recording lacks.
+        If a column is missing or a cell is no number.
+    """
+    accel = read_plain_log(path, columns)
+    return Rests(
+        accel=accel,
+        others=np.empty((accel.shape[0], 0)),
+        step_s=0.0,
+        gravity_m_s2=gravity_m_s2,
+        unit=unit,
+        source=str(path),
+        mean_sigma=sigma,
+    )
+
+
+def calibrate_at_rest(
+    rests: Rests,
+    *,
+    gauge: Gauge = "lower",
+    with_temperature: bool = False,
+    trust_units: bool = False,
+) -> RestCalibration:
+    """Find the rests and fit the triad.
+
+    Single readings that leave their neighbours and come back are left out.
+
+    Parameters
+    ----------
+    rests : Rests
+    gauge : str
+        As for `fit_triad`.
+    with_temperature : bool
+    trust_units : bool
+        Whether times and units are taken as stated, however unlikely.
+
+    Raises
+    ------
+    InputError
+        If there are too few rests, with what the recording lacks; if times or units are doubtful.
     NotSeparableError
         If the positions cannot tell the unknowns apart.
     """
-    found = find_intervals(
-        np.hstack([rests.accel, rests.others]), rests.step_s, source=rests.source
-    )
-    if missing := what_is_missing(found, len(parameter_names(gauge, with_temperature))):
+    if rests.doubt and not trust_units:
+        raise _doubtful(rests.source, rests.doubt)
+    found, spoiled = _intervals(rests)
+    needed = len(parameter_names(gauge, with_temperature))
+    if missing := what_is_missing(found, needed):
         raise InputError(rests.source, "", missing)
+    if rests.mean_sigma == 0 and len(found) == needed:
+        problem = (
+            f"{needed} means for {needed} unknowns: nothing tells their sigma, expected it given"
+        )
+        raise InputError(rests.source, "", problem)
     temp_c = None
     if with_temperature:
         if rests.temp_c is None:
@@ -137,8 +211,12 @@ def calibrate_at_rest(
         rests.gravity_m_s2,
         gauge=gauge,
         temp_c=temp_c,
+        mean_sigma=found.digit_sigma[:3],
         source=rests.source,
     )
+    doubts = [d for d in (rests.doubt, scale_complaint(fit, rests)) if d]
+    if doubts and not trust_units:
+        raise _doubtful(rests.source, doubts[0])
     warm = 0.0 if temp_c is None else temp_c - float(np.mean(temp_c))
     return RestCalibration(
         rests=rests,
@@ -146,7 +224,73 @@ def calibrate_at_rest(
         fit=fit,
         before_m_s2=_before(rests, means, fit),
         forces=fit.model.apply(means, warm),
+        left_out=spoiled,
+        doubts=tuple(doubts),
     )
+
+
+def _doubtful(source: str, doubt: str) -> InputError:
+    return InputError(source, "", f"{doubt} (--trust-units takes them as stated)")
+
+
+def _intervals(rests: Rests) -> tuple[RestIntervals, IntArray]:
+    """Return the rests, and which rows are left out there as no readings."""
+    if rests.mean_sigma is not None:
+        return _of_means(rests, rests.mean_sigma), np.zeros(0, dtype=np.intp)
+    values = np.hstack([rests.accel, rests.others])
+    spoiled = np.zeros(len(values), dtype=np.bool_)
+    for column in values.T:  # the median of its neighbours stands in for a reading left out
+        none = np.abs(column) >= OVERLOAD
+        if none.all():
+            raise InputError(rests.source, "", "a column holds no reading but overloads")
+        column[none] = np.median(column[~none])
+        bad = none | stray_values(column, smallest_step(column))
+        column[bad] = running_median(column, max(HALF_WINDOWS))[bad]
+        spoiled |= bad
+    found = find_intervals(values, rests.step_s, source=rests.source)
+    at_rest = np.zeros(len(values), dtype=np.bool_)
+    for first, last in zip(found.first, found.last, strict=True):
+        at_rest[first : last + 1] = True
+    return found, np.flatnonzero(spoiled & at_rest)
+
+
+def _of_means(rests: Rests, sigma: float) -> RestIntervals:
+    """Return each row as a rest; of no known sigma, a negligible one: the scatter tells it."""
+    rows: IntArray = np.arange(len(rests.accel), dtype=np.intp)
+    negligible = 1e-9 * float(np.ptp(rests.accel))
+    return RestIntervals(
+        first=rows,
+        last=rows,
+        means=rests.accel,
+        noise=np.full(3, sigma or negligible),
+        digit=np.zeros(3),
+        digit_sigma=np.zeros(3),
+        step_s=0.0,
+        too_short=0,
+        total_s=0.0,
+    )
+
+
+def scale_complaint(fit: TriadFit, rests: Rests) -> str:
+    """Return what makes the unit of the readings doubtful; empty when nothing does."""
+    nominal = {"m/s2": 1.0, "g": rests.gravity_m_s2}.get(rests.unit)
+    if nominal is None:
+        return ""
+    ratio = float(np.median(fit.values[:3])) / nominal
+    if SCALE_RANGE[0] <= ratio <= SCALE_RANGE[1]:
+        return ""
+    guesses = {
+        "are they in g?": rests.gravity_m_s2,
+        "are they in m/s²?": 1 / rests.gravity_m_s2,
+        f"are they in thousandths of {rests.unit}?": 1e-3,
+        f"are they in millionths of {rests.unit}?": 1e-6,
+    }
+    near = [words for words, factor in guesses.items() if 0.5 < ratio / factor < 2]
+    said = f"a reading of 1 {rests.unit} is {ratio * nominal:.3g} m/s²"
+    guess = (
+        near[0] if near else f"expected {SCALE_RANGE[0]:g} to {SCALE_RANGE[1]:g} times {nominal:g}"
+    )
+    return f"{said}: {guess}" if near else f"{said}, {guess}"
 
 
 def _before(rests: Rests, means: FloatArray, fit: TriadFit) -> FloatArray:

@@ -121,6 +121,7 @@ def fit_triad(
     *,
     gauge: Gauge = "lower",
     temp_c: FloatArray | None = None,
+    mean_sigma: FloatArray | None = None,
     source: str = "the recording",
 ) -> TriadFit:
     """Fit a triad to mean readings at rest.
@@ -139,6 +140,8 @@ def fit_triad(
         "lower" or "upper": which triangle the misalignments stand in.
     temp_c : ndarray, shape (k,), optional
         Adds slopes of bias and scale over temperature, about the mean.
+    mean_sigma : ndarray, shape (3,), optional
+        Sigma of a mean that more rows do not reduce, same unit; 0 if not given.
 
     Returns
     -------
@@ -158,7 +161,8 @@ def fit_triad(
         )
     t_ref_c = None if temp_c is None else float(np.mean(temp_c))
     warm = np.zeros(means.shape[0]) if temp_c is None else temp_c - float(np.mean(temp_c))
-    problem = _Problem(means, rows, noise, gravity_m_s2, gauge, warm, names)
+    lasting = np.zeros(3) if mean_sigma is None else mean_sigma
+    problem = _Problem(means, rows, noise, lasting, gravity_m_s2, gauge, warm, names)
     values = start_values(means, gravity_m_s2, gauge, source)
     values = np.concatenate([values, np.zeros(len(names) - values.size)])
     used: IntArray = np.arange(means.shape[0], dtype=np.intp)
@@ -178,6 +182,7 @@ class _Problem:
     means: FloatArray
     rows: IntArray
     noise: FloatArray
+    lasting: FloatArray
     gravity_m_s2: float
     gauge: Gauge
     warm: FloatArray
@@ -187,11 +192,12 @@ class _Problem:
         return TriadModel.of(values, self.gauge)
 
     def within2(self, values: FloatArray) -> FloatArray:
-        """Variance of each |f| from the noise of its rows."""
+        """Variance of each |f| from the noise and the resolution of its rows."""
         model = self.model(values)
         force = model.apply(self.means, self.warm)
         along = force @ model.matrix / np.linalg.norm(force, axis=1)[:, None]
-        return np.sum((along * self.noise) ** 2, axis=1) / self.rows
+        of_rows = np.sum((along * self.noise) ** 2, axis=1) / self.rows
+        return of_rows + np.sum((along * self.lasting) ** 2, axis=1)
 
     def equations(self, values: FloatArray, used: IntArray) -> tuple[FloatArray, FloatArray]:
         model = self.model(values)

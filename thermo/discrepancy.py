@@ -20,7 +20,7 @@ from errormodel.model import ErrorModel
 from thermo.discrepancy_baseline import bare_baseline, fitted_baseline
 from thermo.discrepancy_floor import floor_ug
 from thermo.discrepancy_heldout import EQUAL, HeldOut, held_out, reading_residual_ug, rms
-from thermo.discrepancy_input import check_channel
+from thermo.discrepancy_input import check_channel, in_own_scale
 from thermo.discrepancy_search import Found, Settings, Tell, search_together
 from thermo.discrepancy_shared import SharedEffect, Unlike, shared_effects
 from thermo.discrepancy_source import Fitted, ThermalSource
@@ -148,6 +148,7 @@ def find_discrepancy(
     channels = [channel_of(runs, serial, t_ref_c=t_ref_c) for serial in runs.serials]
     for channel in channels:
         check_channel(channel, runs.source)
+    channels = [in_own_scale(channel) for channel in channels]
     sources = [ThermalSource(c, mounted(_baseline(model, c), c), effects) for c in channels]
     found = search_together(sources, settings)
     judged = [(one, _judged(one)) for one in found]

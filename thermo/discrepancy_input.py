@@ -5,20 +5,12 @@ import numpy as np
 from errormodel.errors import InputError
 from thermo.inputs import Channel
 from thermo.terms_events import MAX_MOUNTINGS, MAX_RUNS
+from thermo.units_check import SCALE_RANGE
 
+MOVING_G = 0.1  # an input that moves less says nothing of the scale
 LEAST_READINGS = 200
 # Fewer in a run tell neither its noise nor what it repeats, and it cannot stand for a run held out.
 LEAST_IN_RUN = 30
-# An input that moves less than this, in g, says nothing of the gain.
-MOVING_G = 0.1
-# Quartz-flexure accelerometers are within some percent of their nominal scale; beyond a factor of
-# two it is the scale, its unit or the polarity that is wrong, and all sizes in µg with it.
-MOST_GAIN = 2.0
-# Errors of an accelerometer that works are some 1e-3 g: less of the output than this following a
-# tumbled input is a wire, a channel or the column of positions.
-LEAST_FOLLOWING = 0.9
-
-
 # Noise alone has a spread of one; chamber ripple that is slower than the readings has more.
 MOVED = 1.5
 
@@ -35,8 +27,9 @@ def check_channel(channel: Channel, source: str) -> None:
     Raises
     ------
     InputError
-        If there are too few readings, too many runs or mountings, or the output is not that of an
-        accelerometer of this scale at these positions.
+        If there are too few readings, too many runs or mountings, or they show nothing over
+        temperature. Units and signs are judged where the readings come from
+        (`thermo.units_check`).
     """
 
     def refused(problem: str) -> InputError:
@@ -67,22 +60,19 @@ def check_channel(channel: Channel, source: str) -> None:
     output = np.asarray(record.output)
     if np.ptp(output) == 0.0:
         raise refused(f"every output is {output[0] * channel.nominal_scale:g}, expected readings")
-    force = record["a_i_g"]
+
+
+def in_own_scale(channel: Channel) -> Channel:
+    """Return a channel in g of what it gives for one, where its nominal scale is far from that.
+
+    Such units are refused where they are read, unless they are to be trusted. All sizes in µg
+    would be wrong by the same factor.
+    """
+    force = channel.record["a_i_g"]
     if not channel.has_input or np.std(force) < MOVING_G:
-        return
-    following = float(np.corrcoef(force, output)[0, 1])
-    if abs(following) < LEAST_FOLLOWING:
-        raise refused(
-            f"the output does not follow the positions (correlation {following:.2f}), expected an "
-            "accelerometer's"
-        )
-    gain = float(np.polyfit(force, output, 1)[0])
-    if not 1.0 / MOST_GAIN < gain < MOST_GAIN:
-        found = gain * channel.nominal_scale
-        raise refused(
-            f"the output is {found:.3g} {channel.output_unit}/g, the sidecar's nominal_scale says "
-            f"{channel.nominal_scale:g}"
-        )
+        return channel
+    gain = float(np.polyfit(force, np.asarray(channel.record.output), 1)[0])
+    return channel if SCALE_RANGE[0] <= gain <= SCALE_RANGE[1] else channel.referred(gain)
 
 
 def _temperature(channel: Channel) -> tuple[float, float]:

@@ -30,7 +30,7 @@ from thermo.recording_model import (
     RecordedRuns,
 )
 from thermo.recording_write import write_runs
-from thermo.units_check import unit_complaints
+from thermo.units_check import checked_units
 
 __all__ = [
     "OutputScale",
@@ -133,7 +133,7 @@ def read_runs(
     ------
     InputError
         Naming file and line of the first fault; also where the units are doubtful
-        (`thermo.units_check.unit_complaints`), and where two runs hold the same readings.
+        (`thermo.units_check.checked_units`), and where two runs hold the same readings.
     """
     if not paths:
         raise InputError("recorded runs", "", "no file given, expected at least one")
@@ -141,9 +141,8 @@ def read_runs(
     if not checked:
         return record
     refuse_copies(record)
-    doubts = () if trust_units else unit_complaints(record)
-    if doubts:
-        raise InputError(record.source, "", f"{doubts[0]} (--trust-units takes them as stated)")
+    if not trust_units:
+        checked_units(record, trust_units=False)
     return record
 
 

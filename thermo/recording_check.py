@@ -8,6 +8,7 @@ import numpy as np
 
 from errormodel.arrays import constant, sealed
 from errormodel.errors import InputError
+from errormodel.outliers import OVERLOAD
 from thermo.labels import pair_keys, pairs, present_only
 from thermo.recording_model import (
     FORCES,
@@ -25,7 +26,6 @@ TEMP_RANGE_C = (-273.15, 1000.0)
 # No accelerometer outlives 10⁶ g, no head turns 10⁶ times, no run lasts 30 000 years.
 LARGEST = {"time_s": 1e12, "position_deg": 3.6e8, **dict.fromkeys(FORCES, 1e6)}
 LARGEST_OUTPUT_G = 1e6
-OVERLOAD = 9.9e37  # what SCPI instruments give for an overload (and 9.91e37 for no number)
 # Mountings are told apart by the degree; where the input axis and the pendulous one share less of
 # gravity than this, in g, their forces tell no angle.
 MOUNT_TOLERANCE_DEG, LEAST_FORCE_G = 0.5, 0.1

@@ -26,6 +26,8 @@ class RunDigest:
         self._end()
         head = (serial, scale.output_unit, scale.gravity_m_s2.hex(), scale.nominal_scale.hex())
         head += (mount_deg.hex(),) if mount_deg else ()
+        if scale.temp_sigma_c or scale.temp_gain_ppm:  # they widen the sigmas of a fit
+            head += ("thermistor", scale.temp_sigma_c.hex(), scale.temp_gain_ppm.hex())
         self._total.update("\t".join((*head, str(n))).encode() + b"\n")
 
     def add(self, columns: Sequence[FloatArray], flags: Sequence[str]) -> None:

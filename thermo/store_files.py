@@ -125,7 +125,7 @@ def export_recorded(store: Store, test_id: str, path: Path) -> tuple[Exported, .
 
 
 def stored_runs(store: Store, test_id: str) -> RecordedRuns:
-    """Return a test's runs without writing any file, judged as those read from files are.
+    """Return a test's runs without writing any file; readings judged as those of files are.
 
     Raises
     ------

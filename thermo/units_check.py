@@ -6,24 +6,44 @@ still fits.
 """
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
 from errormodel.arrays import FloatArray
+from errormodel.errors import InputError
 from errormodel.robust import bisquare_fit, robust_sigma
+from errormodel.time_units import time_complaint
 from thermo.recording_model import RecordedRuns
 
 SCALE_RANGE = (0.5, 2.0)  # of nominal; no accelerometer is made so badly
 LEAST_INPUT_G = 0.5  # of span: less tells no scale
-LEAST_FOLLOWING = 0.05  # of nominal: less is no wrong unit but no accelerometer, unless it follows
 SAMPLE = 5000
+# Errors of an accelerometer that works are some 1e-3 g, of one mounted askew some 0.05: readings
+# further from a line are not those of their positions. Few are outliers, which are left out.
+ELSEWHERE_G, MOST_ELSEWHERE = 0.2, 0.02
 FULL_TURN_RAD = 6.4
 RADIANS_FIT_BETTER = 0.2  # of the residual that degrees leave
 KELVIN_C = 180.0  # all above: no accelerometer works there, and −93 °C in kelvin is as cold
 FAHRENHEIT_C = 135.0  # above: hotter than a quartz accelerometer is tested, and −40…176 °F is usual
-LONG_STEP_S = 1000.0
+FOLLOWS = 0.5  # correlation: less is no scale that is wrong, but another quantity
+LONG_STEP_S, TYPICAL_STEP_S = 1000.0, 3.0
 OWN_SCALE = {"g": 1.0}  # output unit per g where the unit itself says it
 SI_PREFIXES = {1e3: "a thousand", 1e6: "a million", 1e-3: "a thousandth", 1e-6: "a millionth"}
+
+
+def checked_units(record: RecordedRuns, *, trust_units: bool) -> tuple[str, ...]:
+    """Return what is doubtful about the units of a record that is used all the same.
+
+    Raises
+    ------
+    InputError
+        With the first of what is doubtful, unless `trust_units`.
+    """
+    doubts = unit_complaints(record)
+    if doubts and not trust_units:
+        raise InputError(record.source, "", f"{doubts[0]} (--trust-units takes them as stated)")
+    return doubts
 
 
 def unit_complaints(record: RecordedRuns) -> tuple[str, ...]:
@@ -60,20 +80,8 @@ def _of_accelerometer(part: RecordedRuns, serial: str) -> Iterator[str]:
 def _times(part: RecordedRuns) -> Iterator[str]:
     steps = np.diff(part.time_s)
     steps = steps[(np.diff(part.run.codes) == 0) & (steps > 0)]
-    if len(steps) < 10:
-        return
-    usual_s = float(np.median(steps))
-    if usual_s >= LONG_STEP_S:
-        unit = "µs" if usual_s >= 1e5 else "ms"
-        yield f"time_s grows by {usual_s:g} from reading to reading: are the times in {unit}?"
-        return
-    for factor, unit in ((1e3, "ms"), (1e6, "µs")):
-        long = np.abs(steps / (factor * usual_s) - 1) < 0.01
-        if long.sum() >= 3:
-            yield (
-                f"{int(long.sum())} steps of time_s are {factor:g} times the usual "
-                f"{usual_s:g} s: are some of the times in {unit}?"
-            )
+    if doubt := time_complaint(steps, LONG_STEP_S, TYPICAL_STEP_S, "time_s"):
+        yield doubt
 
 
 def _temperatures(part: RecordedRuns) -> Iterator[str]:
@@ -114,7 +122,7 @@ def _residual(a_i: FloatArray, output: FloatArray) -> float:
 
 
 def _scale(part: RecordedRuns) -> Iterator[str]:
-    ratio = scale_ratio(part)
+    line = _line_of(part)
     scale = next(iter(part.scales.values()))
     stated, unit = scale.nominal_scale, scale.output_unit
     own = {"m/s2": scale.gravity_m_s2} | OWN_SCALE
@@ -123,22 +131,36 @@ def _scale(part: RecordedRuns) -> Iterator[str]:
             f"output_unit is {unit} and nominal_scale {stated:g} {unit} per g, "
             f"expected {own[unit]:g}"
         )
-    elif ratio is not None and not SCALE_RANGE[0] <= ratio <= SCALE_RANGE[1]:
-        if abs(ratio) < LEAST_FOLLOWING and not _follows(part):
-            yield "the output does not follow the positions, expected an accelerometer's"
-        else:
-            yield _guess(part, ratio, scale.gravity_m_s2)
+    elif line is None:
+        return
+    elif not line.follows and abs(line.ratio) < SCALE_RANGE[0]:
+        yield "the output does not follow the positions, expected an accelerometer's"
+    elif not SCALE_RANGE[0] <= line.ratio <= SCALE_RANGE[1]:
+        yield _guess(part, line.ratio, scale.gravity_m_s2)
+    elif line.elsewhere > MOST_ELSEWHERE:
+        yield (
+            f"{100 * line.elsewhere:.0f} % of the readings are more than {ELSEWHERE_G:g} g from "
+            "what their positions give: was the head still moving there, or are the positions "
+            "those of other readings?"
+        )
 
 
-def _follows(part: RecordedRuns) -> bool:
-    """Tell whether the input explains most of the output."""
-    rows = part.good & ~np.isnan(part.output)
-    output, a_i = part.output[rows], part.specific_force_g[rows, 0]
-    return bool(np.ptp(output) > 0 and abs(np.corrcoef(a_i, output)[0, 1]) > 0.5)
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Line:
+    """Output over input: scale factor over nominal, share of readings far off, whether it fits."""
+
+    ratio: float
+    elsewhere: float
+    follows: bool
 
 
 def scale_ratio(part: RecordedRuns) -> float | None:
     """Return an accelerometer's scale factor over the nominal one; None where it is not shown."""
+    line = _line_of(part)
+    return None if line is None else line.ratio
+
+
+def _line_of(part: RecordedRuns) -> _Line | None:
     rows = np.flatnonzero(part.good)
     if not part.has_input or len(rows) < 10:
         return None
@@ -150,7 +172,13 @@ def scale_ratio(part: RecordedRuns) -> float | None:
         [part.output[r] / part.scale_of(part.run.at(r), part.serial.at(r)).nominal_scale
          for r in rows.tolist()]
     )  # fmt: skip
-    return float(bisquare_fit(np.column_stack([np.ones(len(a_i)), a_i]), output)[1])
+    columns = np.column_stack([np.ones(len(a_i)), a_i])
+    line = bisquare_fit(columns, output)
+    off_g = np.abs(output - columns @ line) / abs(float(line[1]) or 1.0)
+    moves = np.ptp(output) > 0
+    follows = bool(moves and abs(np.corrcoef(a_i, output)[0, 1]) > FOLLOWS)
+    elsewhere = float(np.mean(off_g > ELSEWHERE_G))
+    return _Line(ratio=float(line[1]), elsewhere=elsewhere, follows=follows)
 
 
 def _guess(part: RecordedRuns, ratio: float, gravity_m_s2: float) -> str:

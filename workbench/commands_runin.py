@@ -8,13 +8,14 @@ import click
 from errormodel.atomic import write_files
 from errormodel.errors import InputError
 from errormodel.files import check
-from thermo.recording import RecordedRuns, read_runs
+from thermo.recording import RecordedRuns
 from thermo.run_in import WINDOW, RunInVerdict
 from thermo.run_in_cycles import in_order, judge_runs
 from thermo.run_in_rule import RunInRule
 from thermo.sequence import load_sequence
 from workbench.commands_fit import RUNS
 from workbench.console import emit
+from workbench.inputs import add_reading_counts, read_with_doubts, trust_option
 from workbench.outputs import REPORT_NAME, check_results, force_option, json_option
 from workbench.run_in_output import (
     COLUMNS,
@@ -49,6 +50,7 @@ DEFAULTS = {"k0_limit_ug": 15.0, "k1_limit_ppm": 15.0, "confidence": 0.95, "t_re
     help=f"Cycles at either end that make the instability before and after; {WINDOW} by default.",
 )
 @click.option("--report", type=Path, help="Folder for the report and its figures.")
+@trust_option
 @force_option
 @json_option
 def runin(
@@ -56,6 +58,7 @@ def runin(
     sequence: Path | None,
     window: int,
     report: Path | None,
+    trust_units: bool,
     force: bool,
     as_json: bool,
     **given: float | bool | None,
@@ -68,7 +71,7 @@ def runin(
     """
     rule = _rule(sequence, given)
     check_results(None, report, [], force=force)
-    runs = read_runs([Path(name) for name in files])
+    runs, doubts = read_with_doubts([Path(name) for name in files], trust_units=trust_units)
     verdicts = judge_runs(runs, rule, window=window)
     document = {
         "accelerometers": run_in_document(verdicts),
@@ -77,12 +80,13 @@ def runin(
         "runs": list(in_order(runs)),
         "report": str(report / REPORT_NAME) if report else None,
     }
-    text = list(run_in_text(verdicts))
+    add_reading_counts(document, runs, doubts)
+    text = [*run_in_text(verdicts), *doubts]
     if report is not None:
         write_files(_report_files(verdicts, runs, rule, report))
         text.append(f"report: {report / REPORT_NAME}")
     emit(document, text, as_json=as_json)
-    return SETTLED if all(v.settled for v in verdicts) else NOT_SETTLED
+    return SETTLED if not doubts and all(v.settled for v in verdicts) else NOT_SETTLED
 
 
 def _rule(sequence: Path | None, given: dict[str, float | bool | None]) -> RunInRule:

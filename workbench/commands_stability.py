@@ -6,10 +6,12 @@ import click
 
 from errormodel.errors import InputError, NotSeparableError
 from thermo.fitting import TermsFile, read_terms
-from thermo.recording import RecordedRuns, read_runs
+from thermo.recording import RecordedRuns
 from thermo.stability import Stability, judge_stability
 from thermo.stability_limits import LimitsFile, read_limits
 from thermo.store_files import open_existing_store, stored_runs
+from thermo.units_check import checked_units
+from workbench.inputs import add_reading_counts, read_with_doubts, trust_option
 from workbench.outputs import Results, check_results, force_option, json_option
 from workbench.stability_document import stability_document
 from workbench.stability_output import stability_text
@@ -26,6 +28,7 @@ from workbench.stability_output import stability_text
 @click.option("--limits", type=Path, help="LIMITS.toml: limits, grades, what was done between.")
 @click.option("--between", type=Path, help="The same kind of file, for what was done between.")
 @click.option("--report", type=Path, help="Folder for the report and its figures.")
+@trust_option
 @force_option
 @json_option
 def stability(
@@ -37,6 +40,7 @@ def stability(
     limits: Path | None,
     between: Path | None,
     report: Path | None,
+    trust_units: bool,
     force: bool,
     as_json: bool,
 ) -> int:
@@ -48,12 +52,13 @@ def stability(
     check_results(None, report, [], force=force)
     asked = _limits(limits, between)
     wanted = read_terms(terms) if terms else None
-    record = _runs(files, store, test_id)
+    record, doubts = _runs(files, store, test_id, trust_units=trust_units)
     result = _judge(record, wanted, at_c, asked)
-    results = Results(stability_document(result), list(stability_text(result)))
+    results = Results(stability_document(result), [*stability_text(result), *doubts])
+    add_reading_counts(results.document, record, doubts)
     results.add_report(report, lambda: _report(result, record))
     results.write(as_json=as_json)
-    return 1 if result.failed else 0
+    return 1 if doubts or result.failed else 0
 
 
 def _report(result: Stability, record: RecordedRuns) -> dict[str, bytes]:
@@ -72,15 +77,18 @@ def _limits(limits: Path | None, between: Path | None) -> LimitsFile:
     return asked.model_copy(update={"between": (*asked.between, *said.between)})
 
 
-def _runs(files: tuple[str, ...], store: str | None, test_id: str | None) -> RecordedRuns:
+def _runs(
+    files: tuple[str, ...], store: str | None, test_id: str | None, *, trust_units: bool
+) -> tuple[RecordedRuns, tuple[str, ...]]:
     if store is None and test_id is None:
         if not files:
             raise click.UsageError("no RUN.csv given, expected one or more, or --store and --test")
-        return read_runs([Path(name) for name in files])
+        return read_with_doubts([Path(name) for name in files], trust_units=trust_units)
     if store is None or test_id is None or files:
         raise click.UsageError("expected --store and --test together and no RUN.csv beside them")
     with open_existing_store(store) as opened:
-        return stored_runs(opened, test_id)
+        record = stored_runs(opened, test_id)
+    return record, checked_units(record, trust_units=trust_units)
 
 
 def _judge(

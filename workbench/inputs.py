@@ -7,7 +7,7 @@ from typing import Any
 import click
 
 from thermo.recording import RecordedRuns, read_runs
-from thermo.units_check import unit_complaints
+from thermo.units_check import checked_units
 
 trust_option = click.option(
     "--trust-units",
@@ -27,7 +27,7 @@ def read_with_doubts(
         As `thermo.recording.read_runs`; for a doubt unless `trust_units`.
     """
     record = read_runs(paths, trust_units=trust_units)
-    return record, unit_complaints(record) if trust_units else ()
+    return record, checked_units(record, trust_units=True) if trust_units else ()
 
 
 def add_reading_counts(

@@ -15,6 +15,7 @@ from workbench.outputs import REPORT_NAME
 from workbench.page import Page, ReportTable, Section, render_page
 
 FORMULA = "f = T·K·(a − b), m/s²; K = diag(scale), T unit triangular with the misalignments"
+SHOWN = 3  # rows told of
 WITH_TEMPERATURE = "; b + bias_t·(T − T_ref) for b, K·(1 + scale_t·(T − T_ref)) for K"
 
 
@@ -55,6 +56,13 @@ def triad_document(done: RestCalibration) -> dict[str, object]:
         "total_s": found.total_s,
         "too_short": found.too_short,
         "left_out": left_out,
+        "digit": found.digit[:3].tolist(),
+        "digit_sigma": found.digit_sigma[:3].tolist(),
+        "readings": {
+            "total": len(done.rests.accel),
+            "left_out": {"outlier": done.left_out.size} if done.left_out.size else {},
+        },
+        "doubtful_units": list(done.doubts),
         "positions": [
             {
                 "first_row": int(a) + 1,
@@ -95,8 +103,9 @@ def rms(values: FloatArray) -> float:
 def triad_text(done: RestCalibration) -> Iterator[RenderableType]:
     """Say the same for people."""
     fit, found = done.fit, done.intervals
+    where = "given" if done.rests.mean_sigma is not None else f"at rest in {found.total_s:.0f} s"
     yield (
-        f"{len(found)} positions at rest in {found.total_s:.0f} s, {fit.used.size} fitted; "
+        f"{len(found)} positions {where}, {fit.used.size} fitted; "
         f"gravity {fit.gravity_m_s2:.5f} m/s²"
     )
     made = table("parameter", "value", "unit", right=("value",))
@@ -121,6 +130,20 @@ def sentences(done: RestCalibration) -> Iterator[str]:
     )
     alone = f"χ² with the noise of the rows alone {number(fit.chi2)} for {fit.dof} (p {p:.2g})"
     yield f"{alone}: {said}"
+    coarse = done.intervals.digit_sigma[:3]
+    if coarse.any():
+        yield (
+            f"the readings go in steps of {number(float(done.intervals.digit[:3].max()), 3)} "
+            f"{done.rests.unit}, coarser than their noise: a position's mean is known to "
+            f"{number(float(coarse.max()), 2)} {done.rests.unit}, which is in the sigmas"
+        )
+    if done.left_out.size:
+        shown = ", ".join(str(row + 1) for row in done.left_out[:SHOWN].tolist())
+        more = f" and {done.left_out.size - SHOWN} more" if done.left_out.size > SHOWN else ""
+        yield (
+            f"{done.left_out.size} readings left out, which leave their neighbours and come back: "
+            f"row {shown}{more}"
+        )
     for one in fit.left_out:
         yield (
             f"left out: position {one.position + 1}, |f| − g of "

@@ -8,7 +8,6 @@ import pandas as pd
 from thermo.recording import RecordedRuns, make_runs
 
 NOMINAL = 1.3  # mA/g
-EDGE = 60  # readings at either end of a run without bursts: several visits of every position
 
 
 def clean(
@@ -17,6 +16,7 @@ def clean(
     period_s: float = 20.0,
     noise_ug: float = 4.0,
     loop_ug: float = 0.0,
+    loop_c: float = 12.0,
     step_ug: float = 0.0,
     settling_ug: float = 0.0,
     lag_s: float = 0.0,
@@ -34,7 +34,7 @@ def clean(
         a_i, a_p, x = np.sin(np.radians(angle)), np.cos(np.radians(angle)), inner_c - 25.0
         heating = np.gradient(temp_c) > 0
         turn_c = np.where(heating, -40.0, np.where(time_s < 5000, 25.0, 70.0))
-        side = np.where(heating, 1.0, -1.0) * (1 - np.exp(-np.abs(temp_c - turn_c) / 12.0))
+        side = np.where(heating, 1.0, -1.0) * (1 - np.exp(-np.abs(temp_c - turn_c) / loop_c))
         error_ug = -430 + 11 * x + 0.05 * x**2 + 20 * a_i**2 - 15 * a_i**3 + 300 * a_p
         error_ug += loop_ug * side + step_ug * (time_s > 8000)
         error_ug += settling_ug * np.exp(-since_s / 20.0)
@@ -61,12 +61,10 @@ def recorded(frame: pd.DataFrame) -> RecordedRuns:
 
 def _some(frame: pd.DataFrame, rng: np.random.Generator, length: int) -> np.ndarray:
     share = max(1, len(frame) // 100 // length)
-    at = np.arange(len(frame))
-    within = frame.groupby("run").cumcount().to_numpy()
-    left = frame.groupby("run").cumcount(ascending=False).to_numpy()
-    if length > 1:  # a burst at an end of a run has no coming back
-        at = at[(within >= EDGE) & (left >= EDGE + length)]
-    starts = rng.choice(at[at < len(frame) - length], share, replace=False)
+    starts = rng.choice(len(frame) - length, share, replace=False)
+    if length > 1:
+        starts[0] = 0  # a burst that begins a run
+        starts[-1] = len(frame) - length  # and one that ends it: there is no coming back
     return np.unique((starts[:, None] + np.arange(length)).ravel())
 
 

@@ -75,6 +75,8 @@ def test_coefficients_are_those_of_the_clean_file_twenty_times(way):
     "real",
     [
         {"loop_ug": 200.0},
+        {"loop_ug": 60.0, "loop_c": 8.0},
+        {"loop_ug": 100.0, "loop_c": 4.0, "period_s": 10.0},
         {"step_ug": 500.0},
         {"settling_ug": 60.0},
         {"lag_s": 120.0},

@@ -247,6 +247,20 @@ def test_awkward_names_survive(tmp_path):
     assert back.run_start_utc == {n: t.replace(tzinfo=dt.UTC) for n, t in starts.items()}
 
 
+def test_digest_changes_with_what_the_thermistors_may_be_wrong_by():
+    """It widens the sigmas of a fit; recordings that say nothing keep the digest they had."""
+    frame = pd.DataFrame(
+        {"run": "1", "serial": "A", "time_s": [0.0, 1.0], "temp_c": 25.0, "output": [1.0, 2.0]}
+    )
+    unit = {"output_unit": "mA", "gravity_m_s2": 9.80665, "nominal_scale": 1.3}
+    digests = [
+        make_runs(frame, **unit, **more).digest("1")
+        for more in ({}, {"temp_sigma_c": 0.1}, {"temp_gain_ppm": 0.1}, {"temp_sigma_c": 0.2})
+    ]
+    assert len(set(digests)) == 4
+    assert make_runs(frame, **unit, temp_sigma_c=0.0).digest("1") == digests[0]
+
+
 def test_digest_depends_on_content_only(tmp_path):
     record = sample()
     shuffled = record.take(np.argsort(record.serial.codes, kind="stable"))

@@ -1,5 +1,6 @@
 """`accelbench rig triad`, called as the group calls it."""
 
+import gzip
 import json
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from sinscal.earth import Site
 from sinscal.recording import write_rig_run
 from sinscal.run import RigFacts, RigRun
 from tests.sinscal.triad_example import COUNTS, G, recording
+from workbench.cli import main
 from workbench.commands_rig_triad import triad
 
 GAMMA = np.array([[3e-3, 0, 0], [1e-3, -2e-3, 0], [4e-4, -6e-4, 1e-3]])
@@ -142,3 +144,74 @@ def test_the_input_is_never_written_over(tmp_path):
     with pytest.raises(InputError, match="is an input"):
         call(path, "--columns", "2,3,4", "--gravity", G, "--rate-hz", "100", "--out", path)
     assert path.read_bytes() == before
+
+
+CASES = Path(__file__).parents[1] / "cases"
+SITE = ("--gravity", "9.80665", "--unit", "m/s2")
+
+
+def case(folder: Path, name: str) -> Path:
+    path = folder / f"{name}.csv"
+    path.write_bytes(gzip.decompress((CASES / f"{name}.csv.gz").read_bytes()))
+    return path
+
+
+def test_a_converter_of_a_fiftieth_of_a_g_gives_its_24_positions(tmp_path, capsys):
+    """Noise of 0.002 m/s², steps of 0.0383; sensors' scales 1.02, 0.99, 1.005 were put in."""
+    path = case(tmp_path, "triad_coarse_adc")
+    call(path, "--columns", "x,y,z", *SITE, "--rate-hz", "100", "--json")
+    document = json.loads(capsys.readouterr().out)
+    assert len(document["positions"]) == 24
+    truth = {"scale_x": 1 / 1.02, "scale_y": 1 / 0.99, "scale_z": 1 / 1.005}
+    truth |= {"bias_x": 0.12, "bias_y": -0.08, "bias_z": 0.2}
+    for name, value in truth.items():
+        found = document["parameters"][name]
+        assert abs(found["value"] - value) < 3 * found["sigma"], name
+        assert found["sigma"] < (0.001 if "scale" in name else 0.006)
+    call(path, "--columns", "x,y,z", *SITE, "--rate-hz", "100")
+    assert "the readings go in steps of 0.0383 m/s2" in capsys.readouterr().out
+
+
+def test_times_in_microseconds_are_refused_or_told(tmp_path, capsys):
+    path = case(tmp_path, "triad_microseconds")
+    given = (path, "--columns", "x,y,z", *SITE, "--time-column", "us")
+    with pytest.raises(InputError, match=r"us grows by 10000 .* are the times in µs\?"):
+        call(*given, "--out", tmp_path / "o.json")
+    assert not (tmp_path / "o.json").exists()
+    assert main(["rig", "triad", *map(str, given), "--trust-units"]) == 1
+    assert "are the times in µs?" in capsys.readouterr().out
+
+
+def test_a_log_in_g_declared_as_m_s2_is_refused_or_told(tmp_path, capsys):
+    values = np.loadtxt(case(tmp_path, "triad_microseconds"), delimiter=",", skiprows=1)[:, 1:]
+    path = tmp_path / "g.txt"
+    np.savetxt(path, values / 9.80665)
+    given = ("rig", "triad", str(path), "--columns", "1,2,3", *SITE, "--rate-hz", "100")
+    assert main([*given]) == 2
+    assert "are they in g?" in capsys.readouterr().err
+    assert main([*given, "--trust-units", "--json"]) == 1
+    document = json.loads(capsys.readouterr().out)
+    assert "are they in g?" in document["doubtful_units"][0]
+    # the same triad, its scales in (m/s²) per g
+    assert document["parameters"]["scale_x"]["value"] == pytest.approx(9.80665 / 1.02, rel=3e-4)
+
+
+def test_means_of_positions(tmp_path, capsys):
+    raw, rests = recording(seed=3, positions=24)
+    path = tmp_path / "means.csv"
+    means = np.array([raw[a:b].mean(axis=0) for a, b in rests])
+    np.savetxt(path, means, delimiter=";", header="x;y;z", comments="")
+    given = (path, "--columns", "x,y,z", "--gravity", G, "--means")
+    call(*given, "--sigma", "0.15", "--report", tmp_path / "report", "--json")
+    document = json.loads(capsys.readouterr().out)
+    e = np.array([document["parameters"][n]["value"] for n in document["names"]]) - COUNTS
+    assert e @ np.linalg.solve(np.array(document["covariance"]), e) < 27.9  # χ², 9 dof, p = 0.001
+    call(*given)
+    assert "24 positions given, 24 fitted" in capsys.readouterr().out
+    for more in (("--rate-hz", "9"), ("--time-column", "1")):
+        with pytest.raises(click.UsageError, match="do not belong to --means"):
+            call(*given, *more)
+    with pytest.raises(click.UsageError, match="--sigma belongs to --means"):
+        call(path, "--columns", "x,y,z", "--gravity", G, "--rate-hz", "9", "--sigma", "1")
+    with pytest.raises(click.UsageError, match="--means needs --columns"):
+        call(path, "--means")

@@ -1,6 +1,7 @@
 """`accelbench stability` on small runs: keys, exit codes, report, refusals."""
 
 import json
+import sqlite3
 from pathlib import Path
 
 import pandas as pd
@@ -135,7 +136,7 @@ def test_a_single_run_is_left_out_and_a_sigma_that_is_not_shown_is_an_upper_limi
     assert document["common_events"] == []
 
 
-def test_a_test_of_a_store_is_compared(call, tmp_path):
+def test_a_test_of_a_store_is_compared_and_doubtful_units_are_refused(call, refused, tmp_path):
     sequence = Path(__file__).with_name("mini.toml")
     store = tmp_path / "s.sqlite"
     ran = call("run", sequence, "--store", store, "--json")
@@ -148,3 +149,10 @@ def test_a_test_of_a_store_is_compared(call, tmp_path):
     assert found["runs"] == [f"{test_id}-1", f"{test_id}-2"]
     # 0.05 h of rest, and the minutes in which the chamber settles before the next run begins
     assert 0.05 <= found["between"][0]["rest_h"] < 0.5
+    with sqlite3.connect(store) as opened:  # as if the sequence had said µA for mA
+        (text,) = opened.execute("select sequence_toml from tests").fetchone()
+        assert "nominal_scale = 1.3" in text
+        opened.execute("update tests set sequence_toml = ?", (text.replace("= 1.3", "= 1300.0"),))
+    opened.close()
+    said = refused("stability", "--store", store, "--test", test_id)
+    assert "is output_unit or nominal_scale a thousandth of what it should be?" in said
