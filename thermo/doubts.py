@@ -24,6 +24,9 @@ from thermo.terms import STATIC_NAMES, term
 from thermo.unseen import Unseen, unseen_orders
 
 TAKES_UP = 0.05  # of its size: a coefficient that does holds it
+# Variance of a median over that of a mean, of values that are independent: the cells of heating
+# minus cooling are, but for the drift, with which they move together.
+MEDIAN = np.pi / 2
 MATTERS = 0.5  # of a sigma: what noise in the temperature moves is worth a word
 
 
@@ -107,7 +110,8 @@ def doubts_of(
     loop_sigma = None
     if weights is not None:
         kept = line.left(weights[:, None])
-        loop_sigma = 1e6 * float(np.sqrt(line.variance(kept)[0, 0]))
+        own, shared = line.by_the_rest(kept)[0, 0], line.by_drift(kept)[0, 0]
+        loop_sigma = 1e6 * float(np.sqrt(MEDIAN * own + shared))
     return Doubts(
         inside=inside,
         unseen=unseen,

@@ -68,15 +68,26 @@ class Linearised:
         return np.asarray(added - self.columns @ self.moved(added))
 
     def variance(self, weights: FloatArray) -> FloatArray:
-        """Return the covariance of sums of readings with weights (n, m), shape (m, m)."""
+        """Return the covariance of sums of readings with weights (n, m), shape (m, m).
+
+        The sums are of what the estimates leave: only what the runs differ by is in them.
+        """
+        return self.by_drift(weights) + self.by_the_rest(weights)
+
+    def by_drift(self, weights: FloatArray) -> FloatArray:
+        """Return the drift's share of `variance`."""
         noise = self.noise
-        total = noise.white**2 * (weights.T @ weights)
-        if noise.drift > 0:
-            total = total + noise.drift**2 * drift_product(self.record, noise.drift_tau_s, weights)
+        if not noise.drift > 0:
+            return np.zeros((weights.shape[1],) * 2)
+        return noise.drift**2 * drift_product(self.record, noise.drift_tau_s, weights)
+
+    def by_the_rest(self, weights: FloatArray) -> FloatArray:
+        """Return the share of the white noise and of the runs' differences in `variance`."""
+        total = self.noise.white**2 * (weights.T @ weights)
         for k, effect in enumerate(self.run_effects):
             for rows in self.record.run_slices:
                 seen = weights[rows].T @ (self.columns[rows] @ self.run_directions[:, k])
-                total = total + effect.mean_sigma**2 * np.outer(seen, seen)
+                total = total + effect.seen_sigma**2 * np.outer(seen, seen)
         return np.asarray(total)
 
     def run_moves(self, k: int) -> FloatArray:

@@ -33,7 +33,11 @@ class OddRun:
 
 
 def with_run_effects(line: Linearised) -> Linearised:
-    """Estimate how runs differ, and put it into the covariance of the fit."""
+    """Estimate how runs differ, and put it into the covariance of the fit.
+
+    What their effects have in common no reading shows: it is allowed for with all that is not
+    known of its sigma. By what they differ from each other they show it.
+    """
     names = run_names(line.fit)
     if len(line.record.run_slices) < 2 or not names:
         return line
@@ -48,8 +52,12 @@ def with_run_effects(line: Linearised) -> Linearised:
         np.array([float(s @ line.fit.cov @ s) for s in shares]),
     )
     cov = line.fit.cov
-    for effect, move in zip(effects, moves, strict=True):
-        cov = cov + effect.mean_sigma**2 * (move @ move.T)
+    for k, (effect, share, move) in enumerate(zip(effects, shares, moves, strict=True)):
+        common = share @ move  # of each run's effect, in what is common to the runs
+        along = line.run_directions[:, k]
+        apart = move - np.outer(along, common)
+        cov = cov + effect.mean_sigma**2 * float(common @ common) * np.outer(along, along)
+        cov = cov + effect.seen_sigma**2 * (apart @ apart.T)
     return replace(line, fit=replace(line.fit, cov=cov), run_effects=effects)
 
 
