@@ -20,7 +20,7 @@ from thermo.recording import RecordedRuns
 from thermo.residuals import ResidualSummary, constants_only_ug, summarise
 from thermo.run_differences import with_run_effects
 from thermo.selection import BY_RUN, Selection, scaled, select_model
-from thermo.support import Support, support_of
+from thermo.support import Support, settled, support_of
 from thermo.terms_wanted import TermsFile, read_terms
 
 # A smaller ratio to nominal is none: nothing can be referred to the input by it.
@@ -191,10 +191,10 @@ def _told(
     referred = _times_k1(found, 1.0 / k1)
     line = linearised(referred, channel.record)
     noise_cov = line.fit.cov
-    line = with_run_effects(line)
+    line = with_run_effects(line, settled(channel))
     predicted = held_out(referred, own, holdout)
     if terms.head_arcsec:
-        line = replace(line, fit=with_head_accuracy(line.fit, channel.record, terms.head_arcsec))
+        line = with_head_accuracy(line, terms.head_arcsec)
     lost = selection.not_separable if selection else ()
     doubts, result = doubts_of(line, channel, terms.t_ref_c, lost)
     raw_ug = constants_only_ug(np.asarray(channel.record.output), channel.record["a_i_g"], 1.0)

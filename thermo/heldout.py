@@ -101,8 +101,8 @@ def _within_runs(line: Linearised, by_coefficients: float) -> FloatArray:
     noise, record = line.noise, line.record
     spans = [float(np.ptp(record.time_s[rows])) for rows in record.run_slices]
     white, slow = noise.white**2, noise.drift**2 + by_coefficients
-    # the mean square of drift over a span scatters as one of span/tau independent values
-    often = max(sum(spans) / noise.drift_tau_s, 1.0)
+    # the mean square of drift, new in each run, scatters as that of so many independent values
+    often = sum(1.0 + span / noise.drift_tau_s for span in spans)
     freedom = (white + slow) ** 2 / (white**2 / len(record) + slow**2 / often)
     quantiles = (np.arange(QUANTILES) + 0.5) / QUANTILES
     return np.asarray((white + slow) * freedom / stats.chi2.ppf(quantiles, freedom))

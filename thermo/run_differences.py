@@ -6,6 +6,7 @@ import numpy as np
 from scipy import stats
 
 from errormodel.arrays import FloatArray
+from errormodel.fit import derivative
 from errormodel.run_effects import RunEffect, estimate_run_effects, run_grams
 from thermo.linearised import Linearised, run_names
 
@@ -32,7 +33,7 @@ class OddRun:
     sigma: float
 
 
-def with_run_effects(line: Linearised) -> Linearised:
+def with_run_effects(line: Linearised, flat_x_c: FloatArray) -> Linearised:
     """Estimate how runs differ, and put it into the covariance of the fit.
 
     What their effects have in common no reading shows: it is allowed for with all that is not
@@ -41,7 +42,11 @@ def with_run_effects(line: Linearised) -> Linearised:
     names = run_names(line.fit)
     if len(line.record.run_slices) < 2 or not names:
         return line
-    joint = np.column_stack([line.columns, line.residual])
+    columns = line.columns
+    if not np.array_equal(flat_x_c, line.record["x_c"]):
+        flat = line.record.with_signals(x_c=flat_x_c)
+        columns = derivative(line.fit.model, flat, line.fit.as_dict())
+    joint = np.column_stack([columns, line.residual])
     moves = [line.run_moves(k) for k in range(len(names))]
     shares = [line.share(k) for k in range(len(names))]
     effects = estimate_run_effects(
@@ -77,9 +82,17 @@ def odd_run(effects: tuple[RunEffect, ...], run_ids: tuple[str, ...]) -> OddRun 
 
 
 def _apart(shown: FloatArray, noise: FloatArray, k: int) -> tuple[float, float, float]:
-    """Return how unlikely run k is among the others, how far off it is, and the sigma of that."""
+    """Return how unlikely run k is among the others, how far off it is, and the sigma of that.
+
+    The noise is known from many readings, what the others differ by from few runs (degrees of
+    freedom by Welch and Satterthwaite).
+    """
     others = np.delete(shown, k)
-    spread2 = max(float(np.var(others, ddof=1)), float(np.mean(noise**2)))
+    known = float(np.mean(noise**2))
+    between = max(float(np.var(others, ddof=1)) - known, 0.0)
+    spread2 = known + between
     sigma = float(np.sqrt(spread2 * (1.0 + 1.0 / others.size)))
     off = float(shown[k] - others.mean())
-    return float(2.0 * stats.t.sf(abs(off) / sigma, others.size - 1)), off, sigma
+    # infinite without `between`: then t is normal
+    freedom = (others.size - 1) * (spread2 / between) ** 2 if between else np.inf
+    return float(2.0 * stats.t.sf(abs(off) / sigma, freedom)), off, sigma
