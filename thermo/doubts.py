@@ -117,7 +117,7 @@ def doubts_of(
     return Doubts(
         inside=inside,
         unseen=unseen,
-        odd_run=odd_run(line.run_effects, channel.run_ids),
+        odd_run=odd_run(line, channel.run_ids),
         left_out=left_out(line, channel),
         noise_sentences=tuple(noise_sentences(line, channel)),
         loop_sigma_ug=loop_sigma,

@@ -10,7 +10,8 @@ from errormodel.record import Record
 from thermo.linearised import Linearised
 
 ARCSEC = np.pi / 180.0 / 3600.0
-SHOWN = 0.1  # of the head's sigma: errors of single positions that the residual shows
+SIGMAS = 3.0  # of the noise: errors of single positions count when they stand out by that
+HARDLY = 1e-4  # of its size left over: nothing is
 MANY = 72  # positions; of more, each is visited too seldom to show its own
 STEP_RAD = 1e-4  # of the central difference: what is left of it is 1e-9 of the slope
 
@@ -34,23 +35,28 @@ def with_head_accuracy(line: Linearised, sigma_arcsec: float) -> Linearised:
     """
     head_deg, sigma = line.record["head_deg"], sigma_arcsec * ARCSEC
     by_angle = _output_by_angle(line.fit, line.record)
-    moved = [line.moved(by_angle[:, None] * _functions(head_deg)) * sigma]
+    smooth = by_angle[:, None] * _functions(head_deg)
+    moved = [line.moved(smooth) * sigma]
     positions, which = np.unique(np.round(head_deg, 2) % 360.0, return_inverse=True)
     if positions.size <= MANY:
         own = by_angle[:, None] * (which[:, None] == np.arange(positions.size))
-        if _shown_rad(line, own) > SHOWN * sigma:
+        if _stand_out(line, own, smooth):
             moved.append(line.moved(own) * sigma)
     cov = line.fit.cov + sum(m @ m.T for m in moved)
     return replace(line, fit=replace(line.fit, cov=cov))
 
 
-def _shown_rad(line: Linearised, own: FloatArray) -> float:
-    """Return the angle errors of single positions that the residual shows, rms."""
+def _stand_out(line: Linearised, own: FloatArray, smooth: FloatArray) -> bool:
+    """Tell whether single positions err by what neither the model nor a smooth function holds."""
+    even = line.left(smooth)
+    even, strengths, _ = np.linalg.svd(even, full_matrices=False)
+    even = even[:, strengths > HARDLY * float(np.linalg.norm(smooth))]
     left = line.left(own)
-    gram = left.T @ left
+    left -= even @ (even.T @ left)
+    if not float(np.sum(left**2)) > HARDLY * float(np.sum(own**2)):
+        return False  # too few positions to show it
     along = left.T @ line.residual
-    spread = float(np.sum(gram**2))  # expected of the along's square per variance of an angle
-    return float(np.sqrt(along @ along / spread)) if spread > 0 else 0.0
+    return float(along @ along) > SIGMAS**2 * float(np.trace(line.variance(left)))
 
 
 def _functions(head_deg: FloatArray) -> FloatArray:

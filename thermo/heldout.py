@@ -1,6 +1,7 @@
 """How a model predicts runs that it was not fitted to."""
 
 from collections.abc import Mapping
+
 import numpy as np
 from scipy import stats
 
@@ -61,9 +62,7 @@ def _left_ug(model: ErrorModel, record: Record, values: Mapping[str, float]) -> 
     return np.multiply(left, 1e6, out=left)
 
 
-def heldout_sigma_ug(
-    line: Linearised, noise_cov: FloatArray, rms_ug: float
-) -> float | None:
+def heldout_sigma_ug(line: Linearised, noise_cov: FloatArray, rms_ug: float) -> float | None:
     """Return the sigma of a held-out rms for what further runs leave; None with a single run.
 
     1.96 of it about the rms hold, with 95 %, what the model leaves of many further runs. Their
@@ -92,17 +91,15 @@ def heldout_sigma_ug(
         shares = np.multiply.outer(shares, effect.shares).ravel()
     away = np.abs(1e6 * np.sqrt(squares) - rms_ug)
     order = np.argsort(away)
-    at = np.searchsorted(np.cumsum(shares[order]), 0.95 * shares.sum())
-    return float(away[order][min(at, away.size - 1)]) / Z95
+    within = np.cumsum(shares[order]) <= 0.95 * float(shares.sum())
+    return float(away[order][min(int(within.sum()), away.size - 1)]) / Z95
 
 
 def _within_runs(line: Linearised, by_coefficients: float) -> FloatArray:
     """Return what the mean square within runs may be, as likely each (χ², Satterthwaite 1946)."""
-    noise, record = line.noise, line.record
-    spans = [float(np.ptp(record.time_s[rows])) for rows in record.run_slices]
+    noise = line.noise
     white, slow = noise.white**2, noise.drift**2 + by_coefficients
-    # the mean square of drift, new in each run, scatters as that of so many independent values
-    often = sum(1.0 + span / noise.drift_tau_s for span in spans)
-    freedom = (white + slow) ** 2 / (white**2 / len(record) + slow**2 / often)
+    uncertain = white**2 / len(line.record) + slow**2 / line.drift_freedom
+    freedom = (white + slow) ** 2 / uncertain
     quantiles = (np.arange(QUANTILES) + 0.5) / QUANTILES
     return np.asarray((white + slow) * freedom / stats.chi2.ppf(quantiles, freedom))

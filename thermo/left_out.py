@@ -141,9 +141,9 @@ def noise_sentences(line: Linearised, channel: Channel) -> Iterator[str]:
         )
     if channel.has_input and left > GROSS_G:
         yield (
-            f"the residual is {1e3 * left:.3g} mg: no quartz-flexure accelerometer errs by that much "
-            "once calibrated; look for positions that are not what is recorded, a head still moving "
-            "while it is read, or a term left out; nothing above is to be believed"
+            f"the residual is {1e3 * left:.3g} mg: no quartz-flexure accelerometer errs by so much "
+            "once fitted; look for positions that are not what is recorded, a head still moving "
+            "while it is read, or a term left out; nothing here is to be believed"
         )
     dwell = dwell_s(channel)
     if dwell and noise.drift > noise.white and noise.drift_tau_s < 2.0 * dwell:

@@ -55,6 +55,12 @@ class Linearised:
         """Of the readings, runs apart."""
         return self.fit.noise
 
+    @property
+    def drift_freedom(self) -> float:
+        """Degrees of freedom of the drift's variance: it is new in each run and after each τ."""
+        spans = [float(np.ptp(self.record.time_s[r])) for r in self.record.run_slices]
+        return sum(1.0 + span / self.noise.drift_tau_s for span in spans)
+
     def moved(self, added: FloatArray) -> FloatArray:
         """Return how far something added to the output (n, m) moves the estimates (p, m)."""
         return self._inverse @ (self.columns.T @ added)
@@ -92,9 +98,24 @@ class Linearised:
 
     def run_moves(self, k: int) -> FloatArray:
         """Return how far effect k in each run moves the estimates, shape (p, runs)."""
+        return np.asarray(self._inverse @ self._run_pulls(k)[0])
+
+    def run_shown(self, k: int) -> FloatArray:
+        """Return which part of effect k in the runs the residual shows, shape (runs, runs).
+
+        A projection, nearly: 1 for what runs differ by, 0 for what the estimates take up.
+        """
+        pulls, lengths2 = self._run_pulls(k)
+        kept = np.diag(lengths2) - pulls.T @ (self._inverse @ pulls)
+        lengths = np.sqrt(np.where(lengths2 > 0, lengths2, 1.0))
+        return np.asarray(kept / np.outer(lengths, lengths))
+
+    def _run_pulls(self, k: int) -> tuple[FloatArray, FloatArray]:
+        """Return effect k in each run on the normal equations (p, runs), and its square."""
         along = self.columns @ self.run_directions[:, k]
-        each = [self.columns[r].T @ along[r] for r in self.record.run_slices]
-        return np.asarray(self._inverse @ np.array(each).T)
+        runs = self.record.run_slices
+        pulls = np.array([self.columns[r].T @ along[r] for r in runs]).T
+        return pulls, np.array([float(along[r] @ along[r]) for r in runs])
 
     def share(self, k: int) -> FloatArray:
         """Return the weights of the coefficients that give the mean of effect k, shape (p,)."""

@@ -78,10 +78,7 @@ def cover(setup: Setup, seeds: Sequence[int], *, terms: TermsFile | None = None)
         for (name, v), by in zip(found.items(), off, strict=True):
             made.coefficients.setdefault(name, []).append(by / float(v["sigma"]))
         models = make_model_file([one])
-        cov = np.array(models.accelerometers[0].covariance)
-        scale = np.sqrt(np.diag(cov))
-        scaled = np.array(off) / scale
-        made.chi2.append(float(scaled @ np.linalg.solve(cov / np.outer(scale, scale), scaled)) / len(off))
+        made.chi2.append(_chi2(np.array(off), np.array(models.accelerometers[0].covariance)))
         made.readings.append(_readings_within(setup, models, seed))
         if one.heldout and one.heldout_sigma_ug:
             by = one.heldout.rms_ug - true_rms_ug(setup, models)
@@ -92,6 +89,13 @@ def cover(setup: Setup, seeds: Sequence[int], *, terms: TermsFile | None = None)
         made.right_orders.append(_orders(one) == (2, 2))
         made.false_pointers.append(bool(one.doubts.left_out or one.doubts.odd_run))
     return made
+
+
+def _chi2(off: np.ndarray, cov: np.ndarray) -> float:
+    """Return χ² over its degrees of freedom; scaled, because the units are apart by 1e10."""
+    scale = np.sqrt(np.diag(cov))
+    z = off / scale
+    return float(z @ np.linalg.solve(cov / np.outer(scale, scale), z)) / off.size
 
 
 def _orders(one: AccelerometerFit) -> tuple[int, int]:
@@ -128,7 +132,7 @@ def told(name: str, runs: int, made: Coverage) -> str:
     shares = "  ".join(f"{n} {100 * s:5.1f}" for n, s in made.shares().items())
     each = " ".join(f"{n} {100 * _within(np.array(z)):.0f}" for n, z in made.coefficients.items())
     return (
-        f"{name}, {runs} runs: {shares}  χ²/n {np.mean(made.chi2):.2f}  "
+        f"{name}, {runs} runs: {shares}  χ²/n {np.median(made.chi2):.2f}  "
         f"orders 2, 2 in {sum(made.right_orders)} of {len(made.right_orders)}, "
         f"false pointers {sum(made.false_pointers)}\n    {each}"
     )
