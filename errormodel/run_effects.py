@@ -47,10 +47,14 @@ class RunEffect:
         The sigma that is most likely; 0 when none is.
     mean_sigma : float
         Allows for it in what is common to the runs: 1.96 of it, with the noise, hold 95 %.
+    seen_sigma : float
+        The median: of what differs between these runs, which the readings show.
     next_sigma : float
         The same for one run more.
     odds : float
         Probability that there is any.
+    sigmas, shares : tuple of float
+        The mixture: sigmas, and how likely each is.
     by_run, noise_by_run : tuple of float
         What each run shows, and how well it does.
     """
@@ -58,8 +62,11 @@ class RunEffect:
     name: str
     likely: float
     mean_sigma: float
+    seen_sigma: float
     next_sigma: float
     odds: float
+    sigmas: tuple[float, ...]
+    shares: tuple[float, ...]
     by_run: tuple[float, ...]
     noise_by_run: tuple[float, ...]
 
@@ -123,8 +130,11 @@ def estimate_run_effects(
             likely=float(grid[at[k]] * unit[k]),
             mean_sigma=_held(shares[k], (grid * unit[k]) ** 2 * reach[k], noise_variance[k])
             / float(np.sqrt(reach[k])),
+            seen_sigma=_median(shares[k], grid * unit[k]),
             next_sigma=_held(shares[k], (grid * unit[k]) ** 2, 0.0),
             odds=float(1.0 - shares[k, 0]),
+            sigmas=tuple((grid * unit[k]).tolist()),
+            shares=tuple(shares[k].tolist()),
             by_run=tuple(shown[:, k].tolist()),
             noise_by_run=tuple(sure[:, k].tolist()),
         )
@@ -202,6 +212,12 @@ def _shown(
     length = np.where(length > 0, length, np.inf)
     along = np.einsum("pi,rp->ri", directions, grams[:, :p, p])
     return along / length, 1.0 / np.sqrt(length)
+
+
+def _median(share: FloatArray, sigmas: FloatArray) -> float:
+    """Return the sigma that half of the mixture lies below, between those of the grid."""
+    below = np.cumsum(share) - 0.5 * share
+    return float(np.interp(0.5, below, sigmas))
 
 
 def _held(share: FloatArray, variance: FloatArray, noise: float) -> float:

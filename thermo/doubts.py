@@ -24,6 +24,11 @@ from thermo.terms import STATIC_NAMES, term
 from thermo.unseen import Unseen, unseen_orders
 
 TAKES_UP = 0.05  # of its size: a coefficient that does holds it
+# Orders above the second are seldom large, and stand in several.
+MAY_BE_HELD = (*STATIC_NAMES, "k1", "k1_t1", "k1_t2")
+# Variance of a median over that of a mean, of values that are independent: the cells of heating
+# minus cooling are, but for the drift, with which they move together.
+MEDIAN = np.pi / 2
 MATTERS = 0.5  # of a sigma: what noise in the temperature moves is worth a word
 
 
@@ -107,11 +112,12 @@ def doubts_of(
     loop_sigma = None
     if weights is not None:
         kept = line.left(weights[:, None])
-        loop_sigma = 1e6 * float(np.sqrt(line.variance(kept)[0, 0]))
+        own, shared = line.by_the_rest(kept)[0, 0], line.by_drift(kept)[0, 0]
+        loop_sigma = 1e6 * float(np.sqrt(MEDIAN * own + shared))
     return Doubts(
         inside=inside,
         unseen=unseen,
-        odd_run=odd_run(line.run_effects, channel.run_ids),
+        odd_run=odd_run(line, channel.run_ids),
         left_out=left_out(line, channel),
         noise_sentences=tuple(noise_sentences(line, channel)),
         loop_sigma_ug=loop_sigma,
@@ -121,7 +127,7 @@ def doubts_of(
         and bool(np.any(np.abs(wobble[:, 0]) > MATTERS * line.fit.sigmas)),
         output_step_counts=stairs.shape[1] > 0,
         one_way=tuple(_one_way(line, channel)) if weights is None else (),
-        holders={name: _holders(line, name) for name in lost if name in STATIC_NAMES},
+        holders={name: _holders(line, name) for name in lost if name in MAY_BE_HELD},
     ), whole
 
 
@@ -138,11 +144,17 @@ def _inside(fit: ModelFit, t_ref_c: float, low: float, high: float) -> Inside:
 
 def _holders(line: Linearised, name: str) -> tuple[str, ...]:
     """Return the coefficients that take up one that is not in the model."""
-    record = line.record
-    column = ErrorModel((term(name),)).simulate(record, {name: 1.0}) - record["a_i_g"]
+    a_i, x = line.record["a_i_g"], line.record["x_c"]
+    if name in STATIC_NAMES:
+        column = ErrorModel((term(name),)).simulate(line.record, {name: 1.0}) - a_i
+    else:
+        _, _, power = name.partition("_t")
+        column = a_i * x ** int(power or 0)
     moved = line.moved(column[:, None])[:, 0]
-    names = zip(line.fit.names, moved.tolist(), strict=True)
-    return tuple(n for n, by in names if abs(by) > TAKES_UP and "_t" not in n)
+    lengths = np.abs(moved) * np.linalg.norm(line.columns, axis=0)
+    least = TAKES_UP * float(np.linalg.norm(column))
+    names = zip(line.fit.names, lengths.tolist(), strict=True)
+    return tuple(n for n, length in names if length > least)
 
 
 LAG_S, LOOP_UG, DRIFT_UG_H = 120.0, 20.0, 10.0

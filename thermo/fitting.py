@@ -13,14 +13,14 @@ from errormodel.noise import NoiseModel
 from errormodel.run_effects import RunEffect
 from thermo.doubts import Doubts, doubts_of
 from thermo.head_errors import with_head_accuracy
-from thermo.heldout import held_out
+from thermo.heldout import held_out, heldout_sigma_ug
 from thermo.inputs import Channel, channel_of, refuse_without_temperature
 from thermo.linearised import linearised
 from thermo.recording import RecordedRuns
 from thermo.residuals import ResidualSummary, constants_only_ug, summarise
 from thermo.run_differences import with_run_effects
 from thermo.selection import BY_RUN, Selection, scaled, select_model
-from thermo.support import Support, support_of
+from thermo.support import Support, settled, support_of
 from thermo.terms_wanted import TermsFile, read_terms
 
 # A smaller ratio to nominal is none: nothing can be referred to the input by it.
@@ -54,7 +54,7 @@ class AccelerometerFit:
         Of readings predicted without their run; None with a single run, or where the others
         cannot give every coefficient.
     heldout_sigma_ug : float or None
-        Of its rms, by its scatter from run to run.
+        Of its rms, for what further runs leave; None where one run was fitted.
     run_effects : tuple of RunEffect
         How the runs differ; empty with a single one.
     support : Support
@@ -190,9 +190,11 @@ def _told(
     holdout = tuple(r for r in everything.run_ids if r not in kept)
     referred = _times_k1(found, 1.0 / k1)
     predicted = held_out(referred, own, holdout)
-    line = with_run_effects(linearised(referred, channel.record))
+    line = linearised(referred, channel.record)
+    noise_cov = line.fit.cov
+    line = with_run_effects(line, settled(channel))
     if terms.head_arcsec:
-        line = replace(line, fit=with_head_accuracy(line.fit, channel.record, terms.head_arcsec))
+        line = with_head_accuracy(line, terms.head_arcsec)
     lost = selection.not_separable if selection else ()
     doubts, result = doubts_of(line, channel, terms.t_ref_c, lost)
     raw_ug = constants_only_ug(np.asarray(channel.record.output), channel.record["a_i_g"], 1.0)
@@ -210,8 +212,10 @@ def _told(
         raw_ug=raw_ug,
         raw=summarise(channel, raw_ug),
         summary=summarise(channel, residual_ug),
-        heldout=predicted.summary if predicted else None,
-        heldout_sigma_ug=predicted.sigma_ug if predicted else None,
+        heldout=predicted,
+        heldout_sigma_ug=(
+            heldout_sigma_ug(line, noise_cov, predicted.rms_ug) if predicted else None
+        ),
         heldout_runs=holdout,
         digests=digests,
         run_effects=line.run_effects,

@@ -3,50 +3,60 @@
 from dataclasses import replace
 
 import numpy as np
-from scipy import linalg
 
 from errormodel.arrays import FloatArray
-from errormodel.fit import ModelFit, derivative
+from errormodel.fit import ModelFit
 from errormodel.record import Record
+from thermo.linearised import Linearised
 
 ARCSEC = np.pi / 180.0 / 3600.0
+SIGMAS = 3.0  # of the noise: errors of single positions count when they stand out by that
+HARDLY = 1e-4  # of its size left over: nothing is
+MANY = 72  # positions; of more, each is visited too seldom to show its own
 STEP_RAD = 1e-4  # of the central difference: what is left of it is 1e-9 of the slope
 
 
-def with_head_accuracy(fitted: ModelFit, record: Record, sigma_arcsec: float) -> ModelFit:
+def with_head_accuracy(line: Linearised, sigma_arcsec: float) -> Linearised:
     """Add to a fit's covariance what the head's angle may be wrong by.
 
     The head's error is an unknown smooth function of its own angle, the same at every visit: an
     offset and two harmonics, a third of the variance each, so that the sigma is `sigma_arcsec` at
-    every angle. The estimates are left as they are; a parameter that is considered and not
+    every angle. Where the residual shows that positions err each on its own, each may besides be
+    wrong by that. The estimates are left as they are; a parameter that is considered and not
     estimated adds G S Gᵀ to their covariance, with G how far it moves them and S its own
     (Schmidt 1966; Bierman, Factorization Methods for Discrete Sequential Estimation, 1977, ch. 8).
 
     Parameters
     ----------
-    fitted : ModelFit
-        Of `record`, with equal weights.
-    record : Record
-        With the signals ``a_i_g``, ``a_p_g`` and ``head_deg``.
+    line : Linearised
+        Of a record with the signals ``a_i_g``, ``a_p_g`` and ``head_deg``.
     sigma_arcsec : float
         1 sigma of the head's angle, ″.
-
-    Returns
-    -------
-    ModelFit
     """
-    moved = _moved_by_head(fitted, record) * (sigma_arcsec * ARCSEC)
-    return replace(fitted, cov=fitted.cov + moved @ moved.T)
+    head_deg, sigma = line.record["head_deg"], sigma_arcsec * ARCSEC
+    by_angle = _output_by_angle(line.fit, line.record)
+    smooth = by_angle[:, None] * _functions(head_deg)
+    moved = [line.moved(smooth) * sigma]
+    positions, which = np.unique(np.round(head_deg, 2) % 360.0, return_inverse=True)
+    if positions.size <= MANY:
+        own = by_angle[:, None] * (which[:, None] == np.arange(positions.size))
+        if _stand_out(line, own, smooth):
+            moved.append(line.moved(own) * sigma)
+    cov = line.fit.cov + sum(m @ m.T for m in moved)
+    return replace(line, fit=replace(line.fit, cov=cov))
 
 
-def _moved_by_head(fitted: ModelFit, record: Record) -> FloatArray:
-    """Return how far each unit function of the angle moves the estimates, shape (p, 5)."""
-    columns = derivative(fitted.model, record, fitted.as_dict())
-    norms = np.linalg.norm(columns, axis=0)
-    norms = np.where(norms > 0.0, norms, 1.0)
-    error = _output_by_angle(fitted, record)[:, None] * _functions(record["head_deg"])
-    found, *_ = linalg.lstsq(columns / norms, error)
-    return found / norms[:, None]
+def _stand_out(line: Linearised, own: FloatArray, smooth: FloatArray) -> bool:
+    """Tell whether single positions err by what neither the model nor a smooth function holds."""
+    even = line.left(smooth)
+    even, strengths, _ = np.linalg.svd(even, full_matrices=False)
+    even = even[:, strengths > HARDLY * float(np.linalg.norm(smooth))]
+    left = line.left(own)
+    left -= even @ (even.T @ left)
+    if not float(np.sum(left**2)) > HARDLY * float(np.sum(own**2)):
+        return False  # too few positions to show it
+    along = left.T @ line.residual
+    return float(along @ along) > SIGMAS**2 * float(np.trace(line.variance(left)))
 
 
 def _functions(head_deg: FloatArray) -> FloatArray:

@@ -1,7 +1,6 @@
 """How a model predicts runs that it was not fitted to."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 from scipy import stats
@@ -11,19 +10,17 @@ from errormodel.errors import NotSeparableError
 from errormodel.fit import ModelFit, fit_values
 from errormodel.model import ErrorModel
 from errormodel.record import Record
+from errormodel.run_effects import Z95
 from thermo.inputs import Channel
+from thermo.linearised import Linearised
 from thermo.residuals import ResidualSummary, summarise
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class HeldOut:
-    """What is left of readings that were not fitted, and the sigma of its rms."""
-
-    summary: ResidualSummary | None
-    sigma_ug: float | None
+QUANTILES = 16  # of a mean square that is not known exactly
 
 
-def held_out(result: ModelFit, everything: Channel, holdout: tuple[str, ...]) -> HeldOut | None:
+def held_out(
+    result: ModelFit, everything: Channel, holdout: tuple[str, ...]
+) -> ResidualSummary | None:
     """Predict runs that were not fitted: those asked for, or each in turn.
 
     Parameters
@@ -36,13 +33,13 @@ def held_out(result: ModelFit, everything: Channel, holdout: tuple[str, ...]) ->
 
     Returns
     -------
-    HeldOut or None
+    ResidualSummary or None
         None with a single run, or where a run alone carries some coefficient.
     """
     if holdout:
         unseen = everything.take(everything.runs_mask(holdout))
         left = _left_ug(result.model, unseen.record, result.as_dict())
-        return _summed(unseen, left) if holdout else None
+        return summarise(unseen, left)
     if len(everything.run_ids) < 2:
         return None
     model = result.model
@@ -56,7 +53,7 @@ def held_out(result: ModelFit, everything: Channel, holdout: tuple[str, ...]) ->
         except NotSeparableError:
             return None  # this run alone carries some coefficient: it cannot be predicted
         residual_ug[rows] = _left_ug(model, record.take(mine), values)
-    return _summed(everything, residual_ug)
+    return summarise(everything, residual_ug)
 
 
 def _left_ug(model: ErrorModel, record: Record, values: Mapping[str, float]) -> FloatArray:
@@ -65,20 +62,44 @@ def _left_ug(model: ErrorModel, record: Record, values: Mapping[str, float]) -> 
     return np.multiply(left, 1e6, out=left)
 
 
-def _summed(channel: Channel, residual_ug: FloatArray) -> HeldOut:
-    summary = summarise(channel, residual_ug)
-    return HeldOut(summary=summary, sigma_ug=rms_sigma_ug(summary))
+def heldout_sigma_ug(line: Linearised, noise_cov: FloatArray, rms_ug: float) -> float | None:
+    """Return the sigma of a held-out rms for what further runs leave; None with a single run.
 
+    1.96 of it about the rms hold, with 95 %, what the model leaves of many further runs. Their
+    mean square is that of the noise, of the coefficients' errors and of what differs from run to
+    run; how well it is known hangs on how well the sigmas of the differences are, which few runs
+    tell badly, and on how often the drift was seen anew.
 
-def rms_sigma_ug(summary: ResidualSummary) -> float | None:
-    """Return the sigma of an rms by the scatter of its runs, wider with few; None with one.
-
-    1.96 of it hold 95 % (Student's t, a degree of freedom less than runs).
+    Parameters
+    ----------
+    line : Linearised
+        With its run effects.
+    noise_cov : ndarray, shape (p, p)
+        Covariance of the coefficients by the noise alone.
+    rms_ug : float
+        Held out.
     """
-    count = len(summary.by_run)
-    if count < 2 or not summary.rms_ug:
+    if not line.run_effects:
         return None
-    squares = np.array([g.rms_ug**2 for g in summary.by_run])
-    of_mean = float(np.std(squares, ddof=1)) / np.sqrt(count)
-    wider = float(stats.t.ppf(0.975, count - 1)) / 1.96
-    return float(wider * of_mean / (2.0 * summary.rms_ug))
+    gram = line.columns.T @ line.columns / len(line.record)
+    squares = _within_runs(line, float(np.sum(noise_cov * gram)))
+    shares = np.full(squares.size, 1.0 / squares.size)
+    for k, effect in enumerate(line.run_effects):
+        along, moves = line.run_directions[:, k], line.run_moves(k)
+        once = float(along @ gram @ along) + float(np.sum((gram @ moves) * moves))
+        squares = np.add.outer(squares, np.square(effect.sigmas) * once).ravel()
+        shares = np.multiply.outer(shares, effect.shares).ravel()
+    away = np.abs(1e6 * np.sqrt(squares) - rms_ug)
+    order = np.argsort(away)
+    within = np.cumsum(shares[order]) <= 0.95 * float(shares.sum())
+    return float(away[order][min(int(within.sum()), away.size - 1)]) / Z95
+
+
+def _within_runs(line: Linearised, by_coefficients: float) -> FloatArray:
+    """Return what the mean square within runs may be, as likely each (χ², Satterthwaite 1946)."""
+    noise = line.noise
+    white, slow = noise.white**2, noise.drift**2 + by_coefficients
+    uncertain = white**2 / len(line.record) + slow**2 / line.drift_freedom
+    freedom = (white + slow) ** 2 / uncertain
+    quantiles = (np.arange(QUANTILES) + 0.5) / QUANTILES
+    return np.asarray((white + slow) * freedom / stats.chi2.ppf(quantiles, freedom))

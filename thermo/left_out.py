@@ -21,6 +21,7 @@ from thermo.terms import MAX_ORDER, STATIC_NAMES, term
 SIGMAS = 5.0  # of some twenty effects looked for: one false alarm in 100 000 fits of normal noise
 WORTH = 0.3  # of the white noise: a smaller effect is no matter for a reading
 MORE_THAN_NOISE = 1.3  # of the noise stated: no complete model left that much of 418 fits
+GROSS_G = 5e-3  # misalignments of 50 mrad and third orders of 1000 µg/g³ leave less with a model
 HIGHEST = 8
 LEAST_LEFT = 1e-5  # of an effect's square that the model does not hold; less is rounding or alias
 ALIKE = 0.8  # of the sigmas of the first: which of them it is, the residual does not tell
@@ -137,6 +138,12 @@ def noise_sentences(line: Linearised, channel: Channel) -> Iterator[str]:
             f"the residual is {left / stated:.2g} times the noise that each run shows in itself "
             f"({1e6 * left:.3g} µg against {1e6 * stated:.3g} µg): the runs differ, or something "
             "that lasts a run is missing"
+        )
+    if channel.has_input and left > GROSS_G:
+        yield (
+            f"the residual is {1e3 * left:.3g} mg: no quartz-flexure accelerometer errs by so much "
+            "once fitted; look for positions that are not what is recorded, a head still moving "
+            "while it is read, or a term left out; nothing here is to be believed"
         )
     dwell = dwell_s(channel)
     if dwell and noise.drift > noise.white and noise.drift_tau_s < 2.0 * dwell:

@@ -55,6 +55,12 @@ class Linearised:
         """Of the readings, runs apart."""
         return self.fit.noise
 
+    @property
+    def drift_freedom(self) -> float:
+        """Degrees of freedom of the drift's variance: it is new in each run and after each τ."""
+        spans = [float(np.ptp(self.record.time_s[r])) for r in self.record.run_slices]
+        return sum(1.0 + span / self.noise.drift_tau_s for span in spans)
+
     def moved(self, added: FloatArray) -> FloatArray:
         """Return how far something added to the output (n, m) moves the estimates (p, m)."""
         return self._inverse @ self.columns.transposed_times(added)
@@ -69,22 +75,48 @@ class Linearised:
         return np.subtract(added, taken, out=taken)
 
     def variance(self, weights: FloatArray) -> FloatArray:
-        """Return the covariance of sums of readings with weights (n, m), shape (m, m)."""
+        """Return the covariance of sums of readings with weights (n, m), shape (m, m).
+
+        The sums are of what the estimates leave: only what the runs differ by is in them.
+        """
+        return self.by_drift(weights) + self.by_the_rest(weights)
+
+    def by_drift(self, weights: FloatArray) -> FloatArray:
+        """Return the drift's share of `variance`."""
         noise = self.noise
-        total = noise.white**2 * (weights.T @ weights)
-        if noise.drift > 0:
-            total = total + noise.drift**2 * drift_product(self.record, noise.drift_tau_s, weights)
+        if not noise.drift > 0:
+            return np.zeros((weights.shape[1],) * 2)
+        return noise.drift**2 * drift_product(self.record, noise.drift_tau_s, weights)
+
+    def by_the_rest(self, weights: FloatArray) -> FloatArray:
+        """Return the share of the white noise and of the runs' differences in `variance`."""
+        total = self.noise.white**2 * (weights.T @ weights)
         along = self.columns @ self.run_directions if self.run_effects else np.empty((0, 0))
         for k, effect in enumerate(self.run_effects):
             for rows in self.record.run_slices:
                 seen = weights[rows].T @ along[rows, k]
-                total = total + effect.mean_sigma**2 * np.outer(seen, seen)
+                total = total + effect.seen_sigma**2 * np.outer(seen, seen)
         return np.asarray(total)
 
     def run_moves(self, k: int) -> FloatArray:
         """Return how far effect k in each run moves the estimates, shape (p, runs)."""
+        return np.asarray(self._inverse @ self._run_pulls(k)[0])
+
+    def run_shown(self, k: int) -> FloatArray:
+        """Return which part of effect k in the runs the residual shows, shape (runs, runs).
+
+        A projection, nearly: 1 for what runs differ by, 0 for what the estimates take up.
+        """
+        pulls, lengths2 = self._run_pulls(k)
+        kept = np.diag(lengths2) - pulls.T @ (self._inverse @ pulls)
+        lengths = np.sqrt(np.where(lengths2 > 0, lengths2, 1.0))
+        return np.asarray(kept / np.outer(lengths, lengths))
+
+    def _run_pulls(self, k: int) -> tuple[FloatArray, FloatArray]:
+        """Return effect k in each run on the normal equations (p, runs), and its square."""
         along = self.columns @ self.run_directions[:, k]
-        return np.asarray(self._inverse @ self.columns.by_run(along).T)
+        lengths2 = [float(along[r] @ along[r]) for r in self.record.run_slices]
+        return np.asarray(self.columns.by_run(along).T), np.array(lengths2)
 
     def share(self, k: int) -> FloatArray:
         """Return the weights of the coefficients that give the mean of effect k, shape (p,)."""

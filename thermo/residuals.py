@@ -122,8 +122,7 @@ def _group(name: str, values: FloatArray) -> ResidualGroup:
 def loop_weights(channel: Channel) -> FloatArray | None:
     """Return the weight of each reading in heating minus cooling; None with one direction only.
 
-    Of its mean over the cells: the sigma of that stands for the median's too, because drift makes
-    the cells move together.
+    Of its mean over the cells.
     """
     weights = np.zeros(channel.temp_c.size)
     cells = 0

@@ -185,10 +185,21 @@ def sentences(one: AccelerometerFit) -> Iterator[str]:
     )
     head = f", and for a head wrong by {number(one.head_arcsec)}″" if one.head_arcsec else ""
     white = number(1e6 * noise.white, 3)
-    yield f"noise {white} µg a reading{drift}; the sigmas allow for both{head}"
+    yield f"noise {white} µg a reading{drift}; the sigmas allow for both{head}{_repeating(one)}"
     yield run_to_run_sentence(one)
     lo, hi = one.valid_c
     yield f"valid from {number(lo)} to {number(hi)} °C; reference temperature {one.t_ref_c:g} °C"
+
+
+def _repeating(one: AccelerometerFit) -> str:
+    """Tell what repeats in all runs, shows in no residual and was not stated."""
+    channel = one.channel
+    unsaid = ["head's angle (head_arcsec)"] if channel.has_input and not one.head_arcsec else []
+    unsaid += [] if channel.temp_sigma_c else ["thermistor's offset (temp_sigma_c)"]
+    unsaid += [] if channel.temp_gain_ppm else ["its gain (temp_gain_ppm)"]
+    if not unsaid:
+        return ""
+    return f"; not for what is wrong alike in all runs and was not stated: the {', '.join(unsaid)}"
 
 
 def _heldout(one: AccelerometerFit) -> str:
