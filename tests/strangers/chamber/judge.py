@@ -147,11 +147,10 @@ def _compensated(how: SetUp, folder: Path, has_input: bool) -> dict[str, float]:
     """Return the median error of a fresh run by position and 10 °C, in stated sigmas."""
     run = how.following()
     header, *rows = (folder / "compensated.csv").read_text(encoding="utf-8").splitlines()
-    column = {name: k for k, name in enumerate(header.split(","))}
-    cells = [row.split(",") for row in rows]
-    good = np.array([c[column["flag"]] == "" for c in cells])
-    number = [column["accel_compensated_g"], column["accel_sigma_g"]]
-    value, sigma = np.array([[float(c[k] or "nan") for k in number] for c in cells]).T
+    cells = [dict(zip(header.split(","), row.split(","), strict=True)) for row in rows]
+    good = np.array([not c["flag"] for c in cells])
+    value = np.array([float(c["accel_compensated_g"] or "nan") for c in cells])
+    sigma = np.array([float(c["accel_sigma_g"] or "nan") for c in cells])
     error = value - run.force_g[:, 0]
     z = (error - (0.0 if has_input else np.median(error[good]))) / sigma
     groups = np.unique(run.force_g[:, 0].round(6), return_inverse=True)[1]

@@ -8,68 +8,48 @@ from tests.strangers.chamber.physics import Accelerometer, Array, Faults, Run, r
 
 Plan = tuple[Array, Array, Array, Array | None]
 UNITS = [("mA", 1.3), ("V", 0.25), ("count", 8.0e5), ("m/s2", 9.80665), ("g", 1.0), ("mA", -1.3)]
+# fmt: off
 HEADS = {
-    "four": [0, 90, 180, 270],
-    "eight": list(range(0, 360, 45)),
-    "six": [0, 60, 120, 180, 240, 300],
-    "up down": [90, 270],
-    "twelve": list(range(0, 360, 30)),
-    "odd angles": [30, 150, 200, 310],
-    "three": [0, 90, 270],
-    "up": [90],
-    "none": [90],
-    "forces": [90],
+    "four": [0, 90, 180, 270], "eight": list(range(0, 360, 45)), "six": list(range(0, 360, 60)),
+    "up down": [90, 270], "twelve": list(range(0, 360, 30)), "odd angles": [30, 150, 200, 310],
+    "three": [0, 90, 270], "up": [90], "none": [90], "forces": [90],
 }
 _random = np.random.default_rng(5).standard_normal((14, 3))
 AXES = np.vstack([np.eye(3), -np.eye(3), _random / np.linalg.norm(_random, axis=1)[:, None]])
-# programme: (share of the run, share of the range)
-PROGRAMMES = {
+PROGRAMMES = {  # (share of the run, share of the range)
     "loop": [(0.0, 0.0), (0.5, 1.0), (1.0, 0.0)],
     "from above": [(0.0, 1.0), (0.5, 0.0), (1.0, 1.0)],
     "from the middle": [(0.0, 0.5), (0.25, 1.0), (0.75, 0.0), (1.0, 0.5)],
-    "heating": [(0.0, 0.0), (1.0, 1.0)],
-    "cooling": [(0.0, 1.0), (1.0, 0.0)],
+    "heating": [(0.0, 0.0), (1.0, 1.0)], "cooling": [(0.0, 1.0), (1.0, 0.0)],
     "soak each end": [(0, 0), (0.15, 0), (0.45, 1), (0.6, 1), (0.9, 0), (1, 0)],
     "two soaks": [(0.0, 0.0), (0.5, 0.0), (0.5001, 1.0), (1.0, 1.0)],
     "one temperature": [(0.0, 0.5), (1.0, 0.5)],
+    "stairs": [(k / 11 + share, 1 - abs(k - 5) / 5) for k in range(11) for share in (0.0, 0.06)],
 }
-PROGRAMMES["stairs"] = [
-    (k / 11 + share, 1 - abs(k - 5) / 5) for k in range(11) for share in (0.0, 0.06)
-]
-# kind: field of Faults and the sizes between which it is drawn
+# kind: what of Faults is drawn, and between which sizes
 KINDS: dict[str, dict[str, tuple[float, float]]] = {
-    "sound": {},
-    "sound, drift": {"drift_ug": (1.0, 10.0), "drift_tau_s": (1000.0, 9000.0)},
-    "Student 3": {"tails": (3.0, 3.0)},
-    "bursts": {"burst_share": (0.001, 0.05)},
-    "walk": {"walk_ug_per_rt_h": (3.0, 40.0)},
-    "flicker": {"flicker_ug": (2.0, 40.0)},
-    "linear": {"linear_ug_per_h": (1.0, 30.0)},
-    "daily": {"daily_ug": (5.0, 100.0)},
-    "step": {"step_ug": (10.0, 300.0)},
-    "runs K0": {"run_k0_ug": (5.0, 200.0)},
-    "runs K1": {"run_k1_ppm": (5.0, 200.0)},
-    "runs thermistor": {"run_temp_c": (0.02, 1.0)},
-    "odd run": {"odd_run_ug": (20.0, 500.0)},
-    "gradient": {"rate_ug": (3.0, 60.0)},
-    "gradient of scale": {"rate_ppm": (3.0, 60.0)},
-    "lag": {"lag_s": (20.0, 900.0)},
+    "sound": {}, "sound, drift": {"drift_ug": (1.0, 10.0), "drift_tau_s": (1000.0, 9000.0)},
+    "Student 3": {"tails": (3.0, 3.0)}, "bursts": {"burst_share": (0.001, 0.05)},
+    "walk": {"walk_ug_per_rt_h": (3.0, 40.0)}, "flicker": {"flicker_ug": (2.0, 40.0)},
+    "linear": {"linear_ug_per_h": (1.0, 30.0)}, "daily": {"daily_ug": (5.0, 100.0)},
+    "step": {"step_ug": (10.0, 300.0)}, "runs K0": {"run_k0_ug": (5.0, 200.0)},
+    "runs K1": {"run_k1_ppm": (5.0, 200.0)}, "runs thermistor": {"run_temp_c": (0.02, 1.0)},
+    "odd run": {"odd_run_ug": (20.0, 500.0)}, "gradient": {"rate_ug": (3.0, 60.0)},
+    "gradient of scale": {"rate_ppm": (3.0, 60.0)}, "lag": {"lag_s": (20.0, 900.0)},
     "loop of bias": {"loop_ug": (3.0, 80.0), "loop_width_c": (3.0, 40.0)},
     "loop of scale": {"loop_ppm": (3.0, 80.0), "loop_width_c": (3.0, 40.0)},
     "thermistor noise": {"temp_noise_c": (0.01, 0.5)},
     "thermistor steps": {"temp_step_c": (0.02, 1.0)},
     "output steps": {"output_step_ug": (10.0, 2000.0)},
     "unsettled": {"settle_ug": (20.0, 5000.0), "settle_s": (3.0, 60.0)},
-    "knee of bias": {"kink_ug": (10.0, 300.0)},
-    "knee of scale": {"k1_kink_ppm": (10.0, 300.0)},
+    "knee of bias": {"kink_ug": (10.0, 300.0)}, "knee of scale": {"k1_kink_ppm": (10.0, 300.0)},
     "K2 over temperature": {"k2_slope": (0.05, 2.0)},
     "misalignment over temperature": {"delta_slope": (0.05, 2.0)},
-    "asymmetry": {"asymmetry_ug": (10.0, 300.0)},
-    "saturation": {"saturate_g": (0.9, 0.999)},
+    "asymmetry": {"asymmetry_ug": (10.0, 300.0)}, "saturation": {"saturate_g": (0.9, 0.999)},
     "head, stated": {"head_urad": (1.0, 20.0), "state_head": (1.0, 1.0)},
     "thermistor, stated": {"temp_offset_c": (-0.5, 0.5), "state_temp": (1.0, 1.0)},
 }
-SOUND = {"sound", "sound, drift", "head, stated", "thermistor, stated"}
+# fmt: on
 
 
 @dataclass(frozen=True)
