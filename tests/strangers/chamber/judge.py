@@ -19,7 +19,7 @@ SERIAL, CRASH = "A1", 99
 POINTERS = (
     r"still follows|of the residual change|times the noise|one direction only|too many readings"
     r"|for longer than a run|thermal-history|runs? differ by|allow for that|lies apart|one run:"
-    r"|highest that is tried|left out as|not held there"
+    r"|highest that is tried|left out as clipped|left out as flat|not held there"
 )
 
 
