@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from tests.strangers.chamber.physics import Run, columns, forces
+from tests.strangers.chamber.physics import Array, Run, columns, forces
 from tests.strangers.chamber.setups import AXES, HEADS, SetUp
 from workbench.cli import main
 
@@ -29,7 +29,7 @@ class Verdict:
 
     fit_code: int
     apply_code: int = 0
-    z: dict[str, float] = field(default_factory=dict)
+    z: dict[str, float] = field(default_factory=dict[str, float])
     text: str = ""
 
     @property
@@ -137,7 +137,7 @@ def _seen(how: SetUp, told: dict[str, Any]) -> dict[str, float]:
     lacking = [truth[n] * c for n, c in column.items() if n in truth and n not in fitted]
     if fitted and lacking:
         basis = np.column_stack([column[n] for n in fitted])
-        moved = np.linalg.lstsq(basis, np.sum(lacking, axis=0), rcond=None)[0]
+        moved: Array = np.linalg.lstsq(basis, np.sum(lacking, axis=0), rcond=None)[0]
         for name, more in zip(fitted, moved, strict=True):
             truth[name] += more if name != "k1" else 1e-6 * more * truth["k1"]
     return truth

@@ -47,9 +47,9 @@ class Accelerometer:
         gain = Polynomial([1.0, *(1e-6 * s for s in self.k1)])(shift)
         if constant:
             still = 1e6 + self.static["k2"] + self.static["k3"]
-            return _series("k0", (gain * (bias + still)).coef)
-        at_ref = float(gain.coef[0])
-        found = _series("k0", bias.coef) | _series("k1", 1e6 * gain.coef / at_ref)
+            return _series("k0", gain * (bias + still))
+        at_ref = float(gain(0.0))
+        found = _series("k0", bias) | _series("k1", 1e6 * gain / at_ref)
         return found | self.static | {"k1": self.scale * at_ref}
 
     def shifted(self, k0_ug: float, k1_ppm: float) -> "Accelerometer":
@@ -66,7 +66,8 @@ class Accelerometer:
         return self.scale * gain * (force_g[:, 0] + 1e-6 * inner)
 
 
-def _series(family: str, coefficients: Array) -> dict[str, float]:
+def _series(family: str, polynomial: Polynomial) -> dict[str, float]:
+    coefficients = np.asarray(polynomial.coef, dtype=float)
     names = [family, *(f"{family}_t{k}" for k in range(1, len(coefficients)))]
     return dict(zip(names, map(float, coefficients), strict=True))
 

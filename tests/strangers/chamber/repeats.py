@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from tests.strangers.chamber.judge import Verdict, call, write
-from tests.strangers.chamber.physics import Accelerometer, Array, Faults, record
+from tests.strangers.chamber.physics import Accelerometer, Array, Faults, Run, record
 from tests.strangers.chamber.setups import SetUp, draw
 
 PATTERNS = ["none", "none", "trend", "step", "odd", "loop in some", "noisy run", "tails", "drift"]
@@ -45,7 +45,8 @@ def repeated(seed: int, number: int) -> Series:
     kind = PATTERNS[number % len(PATTERNS)]
     count = int(rng.choice([2, 3, 3, 4, 6]))
     sigma = tuple(map(float, rng.choice([0.0, 3.0, 30.0, 100.0], 2)))
-    k0, k1 = (s * rng.standard_normal(count) for s in sigma)
+    k0: Array = sigma[0] * rng.standard_normal(count)
+    k1: Array = sigma[1] * rng.standard_normal(count)
     size = 10.0 ** rng.uniform(1.0, 2.5)
     moved = {"trend": np.arange(count), "step": np.arange(count) >= count / 2}
     k0 = k0 + size * moved.get(kind, np.arange(count) == 1 if kind == "odd" else np.zeros(count))
@@ -85,7 +86,7 @@ def run_in(seed: int, number: int) -> Series:
 def record_series(series: Series, path: Path) -> None:
     """Record all runs of a series, five hours from start to start."""
     rng = np.random.default_rng([*series.how.seed, 3])
-    runs = []
+    runs: list[Run] = []
     for k, faults in enumerate(series.faults):
         sensor = series.how.sensor.shifted(float(series.k0[k]), float(series.k1[k]))
         runs.append(record(sensor, faults, series.how.plan(rng), rng, 18000.0 * k))

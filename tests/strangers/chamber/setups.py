@@ -87,9 +87,9 @@ class SetUp:
             time[1:] += rng.uniform(0.0, 0.8, self.rows - 1) * time[1]
         if self.sampling == "gaps":
             time = time + 900.0 * (time > 0.3 * time[-1]) + 1800.0 * (time > 0.7 * time[-1])
-        share, level = np.transpose(PROGRAMMES[self.programme])
+        share, level = np.array(PROGRAMMES[self.programme], dtype=float).T
         low, high = self.range_c
-        temp = low + (high - low) * np.interp(time / time[-1], share, level)
+        temp = np.asarray(low + (high - low) * np.interp(time / time[-1], share, level))
         if self.programme in ("two soaks", "stairs"):
             keep = np.exp(-np.diff(time, prepend=time[0]) / 300.0)
             for k in range(1, self.rows):
