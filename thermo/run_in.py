@@ -130,7 +130,8 @@ class RunInVerdict:
                 else "unless something begins that has not begun to show"
             )
             if self.not_excluded:
-                assumed += f" (taken to be rare, as these cycles do not exclude it: {', '.join(self.not_excluded)})"
+                slow = ", ".join(self.not_excluded)
+                assumed += f" (taken to be rare, as these cycles do not exclude it: {slow})"
             return (
                 f"{self.serial}: {what}, risk {_percent(self.settled_probability)}, {assumed}"
                 f"{self._scatter_text()}{swung}{jumped}"
