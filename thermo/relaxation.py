@@ -13,12 +13,10 @@ import numpy as np
 
 from errormodel.arrays import BoolArray, FloatArray, IntArray, freeze, readonly
 from thermo.relaxation_rivals import (
-    CREEP,
     HORIZON,
     KAPPA,
     PLAIN,
-    SECOND,
-    WALKS,
+    SLOW_NAMES,
     Hypotheses,
     Law,
     lay_out,
@@ -172,26 +170,26 @@ class Relaxing:
 
     def slow_kinds(
         self, count: int, rng: np.random.Generator, excluded: float
-    ) -> tuple[tuple[Draws, ...], ...]:
+    ) -> tuple[dict[str, Draws], ...]:
         """Draw, for each series, futures under every kind of slow process that is not excluded.
 
         A kind is excluded where the estimates are exp(`excluded`) times likelier with nothing slow
         in this series. Of estimates that come from the kind, that is so in exp(−`excluded`) or less
         (Markov's inequality), whatever share the kind was given beforehand.
         """
-        found: list[tuple[Draws, ...]] = []
+        found: list[dict[str, Draws]] = []
         for grid in self.grids:
             others = self.of_centre - self._near(grid)
             plain, prior = grid.of_kind(PLAIN)
             against = float(np.logaddexp.reduce(others + self._near(plain))) - prior
-            mine: list[Draws] = []
-            for kind in (SECOND, CREEP, WALKS):
+            mine: dict[str, Draws] = {}
+            for kind, name in SLOW_NAMES.items():
                 alone, prior = grid.of_kind(kind)
                 by_centre = others + self._near(alone)
                 if float(np.logaddexp.reduce(by_centre)) - prior >= against - excluded:
                     centre = _choose(np.broadcast_to(by_centre, (count, KAPPA.size)), rng)
-                    mine.append(self._drawn(alone, centre, rng))
-            found.append(tuple(mine))
+                    mine[name] = self._drawn(alone, centre, rng)
+            found.append(mine)
         return tuple(found)
 
     def _near(self, grid: _Grid) -> FloatArray:

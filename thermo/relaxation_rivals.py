@@ -21,6 +21,7 @@ from errormodel.arrays import FloatArray, IntArray
 
 Law = Literal["exponential", "hyperbolic"]
 PLAIN, SECOND, CREEP, WALKS = range(4)  # kinds of what is slow; nothing is, in the first
+SLOW_NAMES = {SECOND: "a second relaxation", CREEP: "a creep", WALKS: "a random walk"}
 
 KAPPA = np.geomspace(0.5, 60.0, 32)  # cycles
 KICK = (0.05, 20.0, 4)  # h, in limits: from, to, how many

@@ -92,6 +92,8 @@ class RunInVerdict:
         Whether it was assumed that nothing slower than the relaxation goes on.
     settled_if_nothing_slow : float or None
         `settled_probability` under that assumption; None where the cycles leave it no weight.
+    not_excluded : tuple of str
+        Slow processes that the cycles do not exclude at odds of 20.
     swings : tuple of DailySwing
         Coefficients that follow the time of day.
     """
@@ -109,6 +111,7 @@ class RunInVerdict:
     nothing_slow: bool
     settled_if_nothing_slow: float | None
     needed_if_nothing_slow: tuple[int, int | None] | None
+    not_excluded: tuple[str, ...]
     swings: tuple[DailySwing, ...]
 
     @property
@@ -126,6 +129,9 @@ class RunInVerdict:
                 if self.nothing_slow
                 else "unless something begins that has not begun to show"
             )
+            if self.not_excluded:
+                slow = ", ".join(self.not_excluded)
+                assumed += f" (taken to be rare, as these cycles do not exclude it: {slow})"
             return (
                 f"{self.serial}: {what}, risk {_percent(self.settled_probability)}, {assumed}"
                 f"{self._scatter_text()}{swung}{jumped}"
@@ -226,14 +232,17 @@ def judge_run_in(
     probability = float(np.count_nonzero(needed == 0) / needed.size)
     plain = np.all([one.plain for one in draws], axis=0)
     settled = probability >= confidence
-    kinds: tuple[tuple[Draws, ...], ...] = ((),) * len(series)
-    if not (settled or nothing_slow):
+    kinds: tuple[dict[str, Draws], ...] = ({},) * len(series)
+    if not nothing_slow:
         kinds = better.slow_kinds(KIND_DRAWS, np.random.default_rng(SEED + 2), EXCLUDED)
+    counted = [() if settled else tuple(k.values()) for k in kinds]
     low, high = _interval(needed, confidence)
-    high = _highest(high, [d for of_one in kinds for d in of_one], confidence)
+    high = _highest(high, [d for of_one in counted for d in of_one], confidence)
+    enough = np.count_nonzero(plain) >= LEAST_PLAIN * needed.size
+    if_plain = needed[plain]
     coefficients = tuple(
         _relaxation(s, d, k, confidence, window)
-        for s, d, k in zip(series, draws, kinds, strict=True)
+        for s, d, k in zip(series, draws, counted, strict=True)
     )
     swings = (
         () if hours is None else (daily_swing(c.series, hours, c.kappa[0]) for c in coefficients)
@@ -251,11 +260,10 @@ def judge_run_in(
         cycles_needed=(low, high),
         nothing_slow=nothing_slow,
         settled_if_nothing_slow=(
-            float(np.mean(needed[plain] == 0)) if np.mean(plain) >= LEAST_PLAIN else None
+            float(np.count_nonzero(if_plain == 0) / if_plain.size) if enough else None
         ),
-        needed_if_nothing_slow=(
-            _interval(needed[plain], confidence) if np.mean(plain) >= LEAST_PLAIN else None
-        ),
+        needed_if_nothing_slow=_interval(if_plain, confidence) if enough else None,
+        not_excluded=tuple(dict.fromkeys(name for of_one in kinds for name in of_one)),
         swings=tuple(s for s in swings if s),
     )
 

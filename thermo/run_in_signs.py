@@ -105,7 +105,7 @@ def daily_swing(series: Series, hours: FloatArray, kappa: float) -> DailySwing |
         return None
     rest = series.values - basis @ (basis.T @ series.values)
     found = np.linalg.lstsq(told, rest, rcond=None)[0]
-    explained = told @ found
+    explained: FloatArray = np.asarray(told @ found, dtype=np.float64)
     noise = float(np.sum((rest - explained) ** 2)) / dof
     f = float(np.sum(explained**2)) / told.shape[1] / max(noise, 1e-300)
     p = float(stats.f.sf(f, told.shape[1], dof))

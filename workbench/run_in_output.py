@@ -45,6 +45,7 @@ def _accelerometer(v: RunInVerdict) -> dict[str, Any]:
             for j in v.jumps
         ],
         "nothing_slow_assumed": v.nothing_slow,
+        "not_excluded": list(v.not_excluded),
         "settled_probability_if_nothing_slow": v.settled_if_nothing_slow,
         "daily_swings": [
             {

@@ -78,6 +78,11 @@ def test_fewer_cycles_have_not_settled_and_say_how_many_are_needed(done, call, t
     assert low <= needed
     assert high is None or high >= needed - 3
     assert one["other_law_needs"] is not None  # five cycles do not tell the laws apart
+    assert one["scale"] == "fitted"
+    assert not one["nothing_slow_assumed"]
+    assumed = call("runin", tmp_path / "five.csv", "--nothing-slow", "--json").document
+    assert "assumed that nothing slower" in assumed["rule"]
+    assert assumed["accelerometers"][0]["nothing_slow_assumed"]
 
 
 def test_what_cannot_be_judged_is_told_in_one_line(done, refused, tmp_path):
