@@ -142,6 +142,15 @@ def _is_clipped(one: Series, extreme: float) -> bool:
     return False
 
 
+def _pile_up(runs: Sequence[Series], extreme: float) -> bool:
+    """Tell whether more readings of all runs have some digits than chance explains."""
+    if any(np.any(one.output > extreme) and np.any(one.output < extreme) for one in runs):
+        return False  # it is no end of the range
+    equal = sum(int((one.output == extreme).sum()) for one in runs)
+    repeats = max(_usual_repeats(one.output[one.output != extreme]) for one in runs)
+    return equal >= FEWEST_CLIPPED and repeats ** (equal - 1) < LIKELY_REPEATS
+
+
 def _clipped(runs: Sequence[Series], model: FloatArray) -> dict[int, str]:
     """Find readings at an end of the range, and those that were near enough to be cut off.
 
@@ -154,7 +163,7 @@ def _clipped(runs: Sequence[Series], model: FloatArray) -> dict[int, str]:
         (sign, extreme)
         for one in runs
         for sign, extreme in ((-1.0, float(one.output.min())), (1.0, float(one.output.max())))
-        if _is_clipped(one, extreme)
+        if _is_clipped(one, extreme) or _pile_up(runs, extreme)
     ]
     for one in runs if ends else ():
         expected = expected_output(one, model)
