@@ -104,7 +104,7 @@ def cut_off(values: FloatArray, suspects: IntArray, tolerance: float) -> IntArra
     if not first:
         return suspects
     a, b = np.concatenate(first), np.concatenate(second)
-    graph = coo_array((np.ones(len(a), dtype=np.bool_), (a, b)), shape=(len(rows), len(rows)))
+    graph = coo_array((np.ones(len(a)), (a, b)), shape=(len(rows), len(rows)))
     label = connected_components(graph, directed=False)[1]
     size = np.bincount(label)
     of_suspects = size[label[np.searchsorted(rows, suspects)]]

@@ -236,7 +236,7 @@ def _unseen_sigma(scatter2: float, digit: float) -> float:
     σ² + q²/12 − B, and their means the variance B = q²/(2π²)·Σ e^(−(2πkσ/q)²)/k².
     """
     k = np.arange(1, 40)
-    low, high = 0.0, digit
+    low, high, unseen2 = 0.0, digit, 0.0
     for _ in range(60):
         sigma = 0.5 * (low + high)
         terms = np.exp(-((2 * np.pi * k * sigma / digit) ** 2)) / k**2

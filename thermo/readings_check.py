@@ -15,6 +15,7 @@ docs/explanation/readings.md.
 
 import logging
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -141,6 +142,15 @@ def _is_clipped(one: Series, extreme: float) -> bool:
     return False
 
 
+def _pile_up(runs: Sequence[Series], extreme: float) -> bool:
+    """Tell whether more readings of all runs have some digits than chance explains."""
+    if any(np.any(one.output > extreme) and np.any(one.output < extreme) for one in runs):
+        return False  # it is no end of the range
+    equal = sum(int((one.output == extreme).sum()) for one in runs)
+    repeats = max(_usual_repeats(one.output[one.output != extreme]) for one in runs)
+    return equal >= FEWEST_CLIPPED and repeats ** (equal - 1) < LIKELY_REPEATS
+
+
 def _clipped(runs: Sequence[Series], model: FloatArray) -> dict[int, str]:
     """Find readings at an end of the range, and those that were near enough to be cut off.
 
@@ -153,7 +163,7 @@ def _clipped(runs: Sequence[Series], model: FloatArray) -> dict[int, str]:
         (sign, extreme)
         for one in runs
         for sign, extreme in ((-1.0, float(one.output.min())), (1.0, float(one.output.max())))
-        if _is_clipped(one, extreme)
+        if _is_clipped(one, extreme) or _pile_up(runs, extreme)
     ]
     for one in runs if ends else ():
         expected = expected_output(one, model)
@@ -179,23 +189,27 @@ def _output_outliers(one: Series, model: FloatArray) -> dict[int, str]:
     A reading far from the running median of its position, taken at visits long ago and to come,
     may be in the midst of a real change. Then those beside it in time lead to it.
     """
+    still = expected_output(one, model, with_rates=False)
     residual = one.output - expected_output(one, model)
     places, count = np.unique(one.place, return_counts=True)
     rare = np.isin(one.place, places[count < FEWEST])
     group = np.where(rare, -1, one.place)  # too few visits to tell: judged together
     off, bad = np.zeros(len(residual)), np.zeros(len(residual), dtype=np.bool_)
     digit = smallest_step(one.output)
+    warmer = replace(one, temp_c=one.temp_c + smallest_step(one.temp_c))
+    # what the thermometer's last digit may hide
+    unseen = np.abs(expected_output(warmer, model, with_rates=False) - still)
     for place in np.unique(group):
         mine = np.flatnonzero(group == place)
         if len(mine) < FEWEST:
             continue
         off[mine] = residual[mine] - running_median(residual[mine], OUTPUT_HALF_WINDOW)
         sigma = sigma_of(off[mine], digit)
-        suspect = np.flatnonzero(np.abs(off[mine]) > LIMIT_SIGMA * sigma)
+        suspect = np.flatnonzero(np.abs(off[mine]) > LIMIT_SIGMA * sigma + unseen[mine])
         bad[mine[cut_off(residual[mine], suspect, LINK_SIGMA * sigma)]] = True
     left_over, tolerance = np.flatnonzero(bad), LINK_SIGMA * sigma_of(off, digit)
     # what lags turns smoothly; the slopes of temperature in the model turn at once
-    for left in (residual, one.output - expected_output(one, model, with_rates=False)):
+    for left in (residual, one.output - still):
         left_over = cut_off(_as_one(left, group), left_over, tolerance)
     return {int(row): "outlier" for row in one.rows[left_over]}
 

@@ -62,9 +62,8 @@ def recorded(frame: pd.DataFrame) -> RecordedRuns:
 def _some(frame: pd.DataFrame, rng: np.random.Generator, length: int) -> np.ndarray:
     share = max(1, len(frame) // 100 // length)
     starts = rng.choice(len(frame) - length, share, replace=False)
-    if length > 1:
-        starts[0] = 0  # a burst that begins a run
-        starts[-1] = len(frame) - length  # and one that ends it: there is no coming back
+    if length > 1:  # a burst anywhere, or at an end of a run, where there is no coming back
+        starts[0] = rng.choice([0, len(frame) - length, starts[0]])
     return np.unique((starts[:, None] + np.arange(length)).ravel())
 
 
