@@ -12,9 +12,9 @@ from errormodel.terms import Memory
 
 Result = TypeVar("Result")
 
-# A hundred columns of them take 26 MB. A multiple of `compressed.BLOCK_ROWS`, so that a
+# A hundred columns of them take 7 MB. A multiple of `compressed.BLOCK_ROWS`, so that a
 # triangle is rotated from the same rows together whether or not its columns came in blocks.
-BLOCK = 1 << 15
+BLOCK = 1 << 13
 
 
 def block_slices(n: int) -> Iterator[slice]:

@@ -151,9 +151,9 @@ def estimate_noise_of(
     """
     data = _Contrasts(record, joint, own=own, own_columns=own_columns)
     scale = data.scale
-    steps = np.concatenate([np.diff(record.time_s[r]) for r in record.run_slices])
+    step_s, count = _usual_step_s(record)
     spans = [float(np.ptp(record.time_s[r])) for r in record.run_slices]
-    if scale == 0.0 or steps.size < 10:
+    if scale == 0.0 or count < 10:
         return _white_only(data)
 
     def evaluate(log_ratio: float, log_tau: float) -> tuple[float, float]:
@@ -163,7 +163,7 @@ def estimate_noise_of(
 
     bounds = (
         (np.log(0.02), np.log(50.0)),
-        (np.log(3.0 * float(np.median(steps))), np.log(3.0 * max(max(spans), 30.0))),
+        (np.log(3.0 * step_s), np.log(3.0 * max(max(spans), 30.0))),
     )
     none, _ = data.restricted(NoiseModel(white=1.0))
     best = _maximise(evaluate, bounds)
@@ -193,6 +193,12 @@ def _white_only(data: "_Contrasts") -> NoiseFit:
     _, sigma = data.restricted(NoiseModel(white=1.0))
     noise = NoiseModel(white=max(sigma * data.scale, np.finfo(float).tiny))
     return NoiseFit(noise=noise, support=((1.0, noise),))
+
+
+def _usual_step_s(record: Record) -> tuple[float, int]:
+    """Return the median of the times between readings, and how many there are."""
+    steps = np.concatenate([np.diff(record.time_s[r]) for r in record.run_slices])
+    return (float(np.median(steps)) if steps.size else 0.0), steps.size
 
 
 class _Contrasts:

@@ -61,7 +61,7 @@ SEQUENCE: Bounds = {
     "run_in.k1_limit_ppm": (1e-3, 1e6, "a billionth to the whole of it"),
 }
 
-_BAUD = (110, 4_000_000, "slower or faster than any serial line")
+_BAUD = (110, 4_000_000, "no serial line is slower or faster")
 STATION: Bounds = {
     "chamber.baud": _BAUD,
     "digitiser.baud": _BAUD,
@@ -75,10 +75,10 @@ STATION: Bounds = {
     "inputs.thermistor.a": (-0.01, 0.01, "1/T is 0.0034 at 25 °C"),
     "inputs.thermistor.b": (1e-5, 1e-3, "1/T changes by this with ln R: 1000 to 100 000 K"),
     "inputs.thermistor.c": (-1e-5, 1e-5, "some 1e-7 in any thermistor"),
-    "emulation.speed": (1e-3, 1e6, "slower than waiting for it, or faster than it can be computed"),
+    "emulation.speed": (1e-3, 1e6, "nobody waits so long, no machine computes so fast"),
     "emulation.faults.at_s": (0.0, 1e8, "after three years no test runs"),
-    "emulation.faults.count": (1, 1_000_000, "more replies than a test asks for"),
-    "emulation.faults.duration_s": (0.0, 1e8, "longer than three years"),
+    "emulation.faults.count": (1, 1_000_000, "no test asks for more replies"),
+    "emulation.faults.duration_s": (0.0, 1e8, "no test lasts three years"),
     "emulation.faults.temp_c": (CHAMBER_C.lo, CHAMBER_C.hi, "there are no other chambers"),
 }
 

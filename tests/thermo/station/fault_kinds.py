@@ -32,11 +32,15 @@ def kind(weight: int, **bench: str):
     return enter
 
 
+class NotSetError(AssertionError):
+    """The test was over, or had not begun, when the fault was to come: nothing was tried."""
+
+
 def begin(case: Case, *more: str, low: int = 1, high: int = 11, **how) -> None:
     """Start a test, wait for a random slot, and note the time of the fault."""
     case.start(*more, **how)
     if not case.wait_for_slots(case.rng.randint(low, high)):
-        raise AssertionError("the test ended before its fault: " + case.process.text()[-600:])
+        raise NotSetError("the test ended before its fault: " + case.process.text()[-600:])
     time.sleep(case.rng.random() * 0.25)
     case.strike()
 
