@@ -302,6 +302,8 @@ class _Test:
                 self._store.begin_run(self._test_id, number, datetime.now(UTC), journal.start_s)
                 run.begin()
             run.finish()
+            with suppress(InterferedError):  # no reading of this run comes after it
+                session.look_at_chamber(None)  # what was changed since the last reading is told
             self._store.finish_run(self._test_id, number, "finished")
             journal.event("run finished", f"run {number} of {plan.runs}")
             self._unjudged = number

@@ -41,6 +41,31 @@ def check_safe(outcome, world, store):
         assert json.loads(record.safe_result_json)["verified"] is True
 
 
+class ChangingAfter:
+    """An observer under whose eyes somebody changes the chamber after a reading."""
+
+    def __init__(self, chamber, run: int, slot: int) -> None:
+        self._chamber, self._after = chamber, (run, slot)
+
+    def on_reading(self, run, rows) -> None:
+        if (run, rows[0].slot) == self._after:
+            self._chamber.foreign = ("set point 57 °C, commanded 26 °C",)
+
+    def on_progress(self, progress) -> None:
+        pass
+
+    def on_event(self, event) -> None:
+        pass
+
+
+def test_a_change_after_the_last_reading_is_no_clean_end(short, station, store, world):
+    last = ChangingAfter(station.chamber, 2, 27)
+    outcome = run_test(short, station, store, world.clock, observers=[last])
+    assert outcome.status == "failed", outcome
+    assert "somebody else changed the chamber: set point 57 °C" in outcome.reason
+    assert world.is_safe
+
+
 @pytest.mark.parametrize("moment", MOMENTS)
 @pytest.mark.parametrize("kind", ERRORS)
 def test_an_exception_at_any_moment(short, station, store, world, kind, moment):
