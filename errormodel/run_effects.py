@@ -2,10 +2,13 @@
 
 Each run r adds ``J_r C u_r`` to the output, with J_r the derivative of the model in that run, C
 fixed directions (the bias, the scale factor, the temperature) and u_r ~ N(0, diag(σ²)). With few
-runs a σ is hardly known. So it is not one number but a distribution: none at all and each octave
-from half of what a run can show up to 8000 times that are equally likely beforehand, together half
-and half, and the restricted likelihood of the readings weighs them. What is stated is the sigma of
-which 1.96 hold 95 % of the mixture: with few runs it widens as Student's t does.
+runs a σ is hardly known. So it is not one number but a distribution over none at all and each
+octave from half of what a run can show up to 8000 times that, weighed by the restricted likelihood
+of the readings. Whether runs differ is asked with even odds beforehand. What they may differ by,
+with none as likely as each octave: even odds would take few runs that agree by chance for proof,
+and of two runs that differ by five times what they show 83 % would lie within 1.96 sigma. What is
+stated is the sigma of which 1.96 hold 95 % of the mixture: with few runs it widens as Student's t
+does.
 
 References
 ----------
@@ -123,18 +126,20 @@ def estimate_run_effects(
     )
     grid = GRID
     at = np.argmax(shares, axis=1)
+    wide = shares / PRIOR
+    wide /= wide.sum(axis=1, keepdims=True)
     shown, sure = _shown(grams, directions, seen)
     return tuple(
         RunEffect(
             name=names[k],
             likely=float(grid[at[k]] * unit[k]),
-            mean_sigma=_held(shares[k], (grid * unit[k]) ** 2 * reach[k], noise_variance[k])
+            mean_sigma=_held(wide[k], (grid * unit[k]) ** 2 * reach[k], noise_variance[k])
             / float(np.sqrt(reach[k])),
             seen_sigma=_median(shares[k], grid * unit[k]),
-            next_sigma=_held(shares[k], (grid * unit[k]) ** 2, 0.0),
+            next_sigma=_held(wide[k], (grid * unit[k]) ** 2, 0.0),
             odds=float(1.0 - shares[k, 0]),
             sigmas=tuple((grid * unit[k]).tolist()),
-            shares=tuple(shares[k].tolist()),
+            shares=tuple(wide[k].tolist()),
             by_run=tuple(shown[:, k].tolist()),
             noise_by_run=tuple(sure[:, k].tolist()),
         )

@@ -194,12 +194,15 @@ def sentences(one: AccelerometerFit) -> Iterator[str]:
 def _repeating(one: AccelerometerFit) -> str:
     """Tell what repeats in all runs, shows in no residual and was not stated."""
     channel = one.channel
-    unsaid = ["head's angle (head_arcsec)"] if channel.has_input and not one.head_arcsec else []
-    unsaid += [] if channel.temp_sigma_c else ["thermistor's offset (temp_sigma_c)"]
-    unsaid += [] if channel.temp_gain_ppm else ["its gain (temp_gain_ppm)"]
+    stated = {
+        "the head's angle (head_arcsec)": one.head_arcsec or not channel.has_input,
+        "the thermistor's offset (temp_sigma_c)": channel.temp_sigma_c,
+        "its gain (temp_gain_ppm)": channel.temp_gain_ppm,
+    }
+    unsaid = [what for what, there in stated.items() if not there]
     if not unsaid:
         return ""
-    return f"; not for what is wrong alike in all runs and was not stated: the {', '.join(unsaid)}"
+    return f", not for errors alike in all runs that were not stated: {', '.join(unsaid)}"
 
 
 def _heldout(one: AccelerometerFit) -> str:

@@ -138,6 +138,11 @@ def told(name: str, runs: int, made: Coverage) -> str:
     )
 
 
+def first_seed(differs: str, runs: int, first: int = FIRST_SEED) -> int:
+    """Return where the seeds of a row begin: no row shares its noise with another."""
+    return first + 1000 * (10 * list(DIFFERENCES).index(differs) + runs)
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description="Coverage of stated sigmas.")
     parser.add_argument("--seeds", type=int, default=300)
@@ -151,7 +156,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     for name in asked.only:
         for runs in asked.runs:
             setup = Setup(runs=runs, step_s=asked.step, **DIFFERENCES[name])
-            first = asked.first + 1000 * (10 * list(DIFFERENCES).index(name) + runs)
+            first = first_seed(name, runs, asked.first)
             seeds = range(first, first + asked.seeds)
             made = cover(setup, seeds, terms=GIVEN if asked.given else None)
             sys.stdout.write(told(name, runs, made) + "\n")

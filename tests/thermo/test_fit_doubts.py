@@ -99,6 +99,32 @@ def test_an_odd_run_is_named() -> None:
     assert "lies apart" not in said(fitted(Setup(runs=8)))
 
 
+@pytest.mark.parametrize("seed", [3, 4, 5])
+def test_an_odd_run_of_four_is_named(seed: int) -> None:
+    odd = fitted(Setup(odd_run_ug=100.0), seed).doubts.odd_run
+    assert odd is not None
+    assert (odd.run_id, odd.name) == ("R2", "k0")
+    assert abs(1e6 * odd.off - 100.0) < 5.0 * 1e6 * odd.sigma
+
+
+def test_noise_of_the_thermistor_within_a_soak_is_no_difference_between_runs() -> None:
+    """Within a soak the output follows no temperature; taken for a slope, runs would differ."""
+    one = fitted(Setup(soaks_c=HEATING, thermistor_noise_c=0.02))
+    by_name = {e.name: e for e in one.run_effects}
+    assert by_name["temp_c"].next_sigma < 0.1
+    assert 1e6 * by_name["k1"].next_sigma < 10.0
+
+
+def test_the_held_out_figure_of_two_runs_is_hardly_known() -> None:
+    """Two runs differ by one number: from it a sigma is known to a factor (Student's t)."""
+    few, many = (fitted(Setup(runs=n, offset_ug=30.0), seed=4) for n in (2, 8))
+    for one in (few, many):
+        assert one.heldout
+        assert one.heldout_sigma_ug
+    assert few.heldout_sigma_ug > 2.0 * few.heldout.rms_ug  # type: ignore[operator, union-attr]
+    assert many.heldout_sigma_ug < 0.5 * many.heldout.rms_ug  # type: ignore[operator, union-attr]
+
+
 def test_runs_at_one_temperature_each_with_offsets_keep_order_two() -> None:
     setup = Setup(runs=7, soaks_c=STAGES, offset_ug=30.0)
     one = fitted(setup, seed=3)
@@ -156,6 +182,34 @@ def test_what_cannot_be_given_is_named_with_what_holds_it() -> None:
     assert "k3 in k1" in said(one)
 
 
+def test_one_position_says_which_coefficient_holds_the_scale_factor() -> None:
+    """At +1 g the output is K1·(1 + K0): all that K1 does is K0's."""
+    text = said(fitted(Setup(positions=(90.0,), runs=2)))
+    assert "k1, taken as nominal" in text
+    for held in ("k1 in k0;", "k1_t1 in k0_t1", "k1_t2 in k0_t2", "k2 in k0", "k3 in k0"):
+        assert held in text
+
+
+def test_three_soaks_carry_the_third_order_that_they_cannot_show() -> None:
+    cubic = Setup(runs=3, soaks_c=(-40.0, 25.0, 70.0), truth={**TRUE, "k0_t3": 5e-4})
+    one = fitted(cubic)
+    assert "no reading from" in said(one)
+    error, sigma = error_ug(Setup(runs=2, truth=cubic.truth), one, 7)
+    assert np.mean(np.abs(error) < 1.96 * sigma) > 0.95
+
+
+def test_runs_none_of_which_can_be_held_out_say_why() -> None:
+    one = fitted(Setup(runs=3, soaks_c=(-40.0, 25.0, 70.0)))
+    assert one.heldout is None
+    assert "no run can be held out: without it the others cannot give every" in said(one)
+
+
+@pytest.mark.parametrize("noise_c", [0.1, 0.3])
+def test_a_noisy_thermistor_in_a_narrow_range_is_in_the_sigmas(noise_c: float) -> None:
+    setup = Setup(corners_c=(22.0, 27.0, 22.0, 27.0), rates=(0.1,), thermistor_noise_c=noise_c)
+    assert worst(fitted(setup), setup) < 5.0
+
+
 # ---- what the residual still follows ----
 
 
@@ -199,6 +253,32 @@ def test_a_sound_fit_says_nothing_of_the_kind() -> None:
         assert not one.doubts.noise_sentences
 
 
+def test_positions_that_are_not_what_is_recorded_are_told() -> None:
+    """A sixth of the readings are still those of the position before."""
+    frame = campaign(Setup(runs=2), 1).frame()
+    late = frame["time_s"] % 60.0 == 0.0
+    frame["position_deg"] = frame["position_deg"].where(
+        ~late, frame.groupby("run")["position_deg"].shift(-1, fill_value=0.0).to_numpy()[::-1]
+    )
+    runs = make_runs(frame, output_unit="mA", gravity_m_s2=9.80665, nominal_scale=1.3)
+    (one,) = fit_runs(runs)
+    assert "positions that are not what is recorded, a head still moving" in said(one)
+
+
+def test_what_repeats_and_was_not_stated_is_told() -> None:
+    (line,) = [t for t in sentences(fitted(Setup(runs=2))) if t.startswith("noise")]
+    for key in ("head_arcsec", "temp_sigma_c", "temp_gain_ppm"):
+        assert key in line
+    stated = TermsFile(head_arcsec=1.0)
+    frame = campaign(Setup(runs=2), 1).frame()
+    runs = make_runs(
+        frame, output_unit="mA", gravity_m_s2=9.80665, nominal_scale=1.3,
+        temp_sigma_c=0.1, temp_gain_ppm=100.0,
+    )  # fmt: skip
+    (one,) = fit_runs(runs, terms=stated)
+    assert "not stated" not in said(one)
+
+
 # ---- errors of the thermometer that are stated ----
 
 
@@ -236,6 +316,16 @@ def test_a_model_goes_to_another_site_with_its_gravity() -> None:
     error, sigma = error_ug(Setup(runs=1, gravity=9.8156), one, 9)
     assert np.sqrt(np.mean(error**2)) < 1.3 * np.hypot(4.0, 2.5)
     assert np.mean(np.abs(error) < 1.96 * sigma) > 0.9
+
+
+def test_a_rate_beyond_those_fitted_is_clipped_and_flagged() -> None:
+    names = (*TRUE, "temperature_rate_bias")
+    (one,) = fit_runs(campaign(Setup(runs=2), 1), terms=TermsFile(terms=names))
+    fast = campaign(Setup(runs=1, rates=(5.0,), step_s=5.0), 5)
+    done = compensate(fast, make_model_file([one]))
+    assert np.mean(done.outside_rate) > 0.9
+    slow = campaign(Setup(runs=1), 5)
+    assert not np.any(compensate(slow, make_model_file([one])).outside_rate)
 
 
 def test_positions_beyond_those_fitted_are_flagged() -> None:
