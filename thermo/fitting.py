@@ -195,7 +195,7 @@ def _told(
     predicted = held_out(referred, own, holdout)
     if terms.head_arcsec:
         line = with_head_accuracy(line, terms.head_arcsec)
-    lost = selection.not_separable if selection else ()
+    lost = selection.not_separable if selection else None
     doubts, result = doubts_of(line, channel, terms.t_ref_c, lost)
     raw_ug = constants_only_ug(np.asarray(channel.record.output), channel.record["a_i_g"], 1.0)
     residual_ug = 1e6 * line.residual
