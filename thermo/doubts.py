@@ -5,8 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from errormodel.arrays import FloatArray
 from errormodel.fit import ModelFit
 from errormodel.model import ErrorModel
+from thermo.by_position import ByPosition, by_position
 from thermo.considered import (
     output_step,
     step_moves,
@@ -54,6 +56,8 @@ class Doubts:
     odd_run : OddRun or None
     left_out : tuple of LeftOut
         What the residual still follows.
+    by_position : ByPosition or None
+        How the residual follows the position.
     noise_sentences : tuple of str
     loop_sigma_ug : float or None
         Of heating minus cooling.
@@ -72,6 +76,7 @@ class Doubts:
     unseen: tuple[Unseen, ...]
     odd_run: OddRun | None
     left_out: tuple[LeftOut, ...]
+    by_position: ByPosition | None
     noise_sentences: tuple[str, ...]
     loop_sigma_ug: float | None
     thermistor_noise_c: float
@@ -83,7 +88,11 @@ class Doubts:
 
 
 def doubts_of(
-    line: Linearised, channel: Channel, t_ref_c: float, lost: Sequence[str] | None = None
+    line: Linearised,
+    channel: Channel,
+    t_ref_c: float,
+    lost: Sequence[str] | None = None,
+    by_angle: FloatArray | None = None,
 ) -> tuple[Doubts, ModelFit]:
     """Return what is to be doubted of a fit, and the fit with a covariance that counts it.
 
@@ -95,6 +104,8 @@ def doubts_of(
     t_ref_c : float
     lost : sequence of str, optional
         Coefficients that the readings cannot give; None when the user gave the terms.
+    by_angle : ndarray, shape (n,), optional
+        What the head's stated accuracy does to each reading.
     """
     noise_c = thermistor_noise_c(channel)
     step = output_step(np.asarray(channel.record.output))
@@ -119,6 +130,7 @@ def doubts_of(
         unseen=unseen,
         odd_run=odd_run(line.run_effects, channel.run_ids),
         left_out=left_out(line, channel),
+        by_position=by_position(line, channel, by_angle),
         noise_sentences=tuple(noise_sentences(line, channel)),
         loop_sigma_ug=loop_sigma,
         thermistor_noise_c=noise_c,

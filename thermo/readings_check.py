@@ -145,6 +145,9 @@ def _is_clipped(one: _Series, extreme: float) -> bool:
         mine = one.output[one.place == place]
         equal = int((mine == extreme).sum())
         repeats = _usual_repeats(mine[mine != extreme])
+        if len(mine) - equal < FEWEST:  # too few to tell what is usual: as at the other positions
+            others = one.output != extreme
+            repeats = min(repeats, _usual_repeats(one.output[others], one.place[others]))
         if equal >= FEWEST_CLIPPED and repeats ** (equal - 1) < LIKELY_REPEATS:
             return True
     return False
