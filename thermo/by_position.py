@@ -76,11 +76,8 @@ def by_position(
         return None
     x = line.record["x_c"]
     half = 0.5 * float(np.ptp(x))
-    for shape in _shapes(x, half):
-        found = _test(line, names, group, shape, by_angle)
-        if found:
-            return found
-    return None
+    tests = (_test(line, names, group, shape, by_angle) for shape in _shapes(x, half))
+    return max((one for one in tests if one), key=lambda one: one.sigmas, default=None)
 
 
 def _shapes(x: FloatArray, half: float) -> Iterator[FloatArray | None]:

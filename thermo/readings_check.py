@@ -88,8 +88,11 @@ def flag_readings(record: RecordedRuns, place: Callable[[int], str] | None = Non
     for one in _all_series(record, flags):
         flags |= _temperature_outliers(one)
     usual = {serial: _preliminary(record, serial, flags) for serial in record.serials}
+    before = len(flags)
     for one in _all_series(record, flags):
         flags |= _clipped(one, usual[one.serial])
+    if len(flags) > before:  # they bent it
+        usual = {serial: _preliminary(record, serial, flags) for serial in record.serials}
     structured = list[str]()
     for serial in record.serials:
         found: dict[int, str] = {}
@@ -146,7 +149,8 @@ def _is_clipped(one: _Series, extreme: float) -> bool:
         equal = int((mine == extreme).sum())
         repeats = _usual_repeats(mine[mine != extreme])
         if len(mine) - equal < FEWEST:  # too few to tell what is usual: as at the other positions
-            others = one.output != extreme
+            others = np.argsort(one.place, kind="stable")
+            others = others[one.output[others] != extreme]
             repeats = min(repeats, _usual_repeats(one.output[others], one.place[others]))
         if equal >= FEWEST_CLIPPED and repeats ** (equal - 1) < LIKELY_REPEATS:
             return True
