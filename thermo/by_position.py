@@ -162,10 +162,10 @@ def by_position_sentence(found: ByPosition) -> str:
         which = f" ({' or '.join(found.alone)} alone would account for it)"
     if found.over_temperature:
         return (
-            f"the residual changes with temperature otherwise at one position than at others: from "
-            f"cold to warm {told}{which}; {found.rms_ug:.3g} µg rms, {found.sigmas:.2g} sigma: that "
-            "is no noise; an axis that tilts with temperature, or another term of the input that "
-            "changes with it, is missing, and the sigmas do not allow for that"
+            "the residual changes with temperature otherwise at one position than at others: "
+            f"from cold to warm {told}{which}; {found.rms_ug:.3g} µg rms, {found.sigmas:.2g} "
+            "sigma: that is no noise; an axis that tilts with temperature, or another term of the "
+            "input that changes with it, is missing, and the sigmas do not allow for that"
         )
     return (
         f"the residual follows the position: {told}{which}; {found.rms_ug:.3g} µg rms, "

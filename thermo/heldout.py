@@ -1,6 +1,7 @@
 """How a model predicts runs that it was not fitted to."""
 
 from collections.abc import Mapping
+
 import numpy as np
 from scipy import stats
 
@@ -61,9 +62,7 @@ def _left_ug(model: ErrorModel, record: Record, values: Mapping[str, float]) -> 
     return np.multiply(left, 1e6, out=left)
 
 
-def heldout_sigma_ug(
-    line: Linearised, noise_cov: FloatArray, rms_ug: float
-) -> float | None:
+def heldout_sigma_ug(line: Linearised, noise_cov: FloatArray, rms_ug: float) -> float | None:
     """Return the sigma of a held-out rms for what further runs leave; None with a single run.
 
     1.96 of it about the rms hold, with 95 %, what the model leaves of many further runs. Their

@@ -3,10 +3,11 @@
 What an order left out may do is in the covariance of a fit whose orders the readings chose, and in
 the model file (`thermo.unseen`). It is put in full here, with the orders themselves. Where a user
 gave the orders the file says nothing of those above: such an order is taken for one that the rule
-of choice would not have taken at a gain of 9 in χ², that is, three sigma. On the range fitted it is best counted as a Legendre polynomial, which is
-orthogonal to those in the model, and whose size the readings tell about as well as that of the
-highest of them. So it may have any size within three sigma, found to one: together 2 sigma,
-√(3²/3 + 1). Without it the fit's coefficients are off by what this polynomial has in lower powers.
+of choice would not have taken at a gain of 9 in χ², that is, three sigma.
+On the range fitted it is best counted as a Legendre polynomial, which is orthogonal to those in the
+model, and whose size the readings tell about as well as that of the highest of them. So it may have
+any size within three sigma, found to one: together 2 sigma, √(3²/3 + 1). Without it the fit's
+coefficients are off by what this polynomial has in lower powers.
 
 References
 ----------

@@ -177,7 +177,9 @@ class _Held:
         A move is what the fit takes up less what is there.
         """
         left, moved = effect, np.zeros(self.columns.shape[1])
-        for _ in range(2):  # twice is enough for rounding (Parlett, The Symmetric Eigenvalue Problem)
+        for _ in range(
+            2
+        ):  # twice is enough for rounding (Parlett, The Symmetric Eigenvalue Problem)
             more = self._inverse @ (self.columns.T @ left)
             left, moved = left - self.columns @ more, moved + more
         moves = dict(zip(self.line.fit.names, moved.tolist(), strict=True))

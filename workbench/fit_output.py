@@ -6,8 +6,8 @@ from typing import Any
 from rich.console import RenderableType
 from rich.table import Table
 
-from thermo.findings import LoopFinding, find_loop, find_order
 from thermo.by_position import ByPosition
+from thermo.findings import LoopFinding, find_loop, find_order
 from thermo.fitting import AccelerometerFit
 from thermo.modelfile import ModelFile, inside_of, reported, run_to_run_of
 from thermo.residuals import ResidualGroup
