@@ -25,8 +25,8 @@ def changed(setup: Setup, seed: int, kind: str) -> RecordedRuns:
         output += NOMINAL * 30e-6 * np.abs(a_i)
     elif kind == "position":
         position = np.where(position == 45.0, 44.0, position)
-    elif kind == "tilt":  # of one position's axis with the temperature, 2 µrad/°C
-        output += NOMINAL * 2e-6 * (runs.temp_c - 25.0) * np.abs(a_p)
+    elif kind == "tilt":  # with the temperature, as |a_p|: no term of the model
+        output += NOMINAL * 2e-6 * (runs.temp_c - 32.5) * np.abs(a_p)
     elif kind == "clipped":
         output = np.clip(output, -1.2, 1.2)
     return make_runs(
@@ -55,10 +55,11 @@ def followed(runs: RecordedRuns, terms: TermsFile | None = None) -> tuple[ByPosi
 def test_misfit_by_position_is_told_and_called_no_noise(kind: str) -> None:
     found, said = followed(changed(SMALL, 3, kind))
     assert found is not None
-    assert not found.over_temperature
     assert found.sigmas > 5.0
-    assert "the residual follows the position" in said
     assert "that is no noise" in said
+    if kind != "clipped":  # the cut grows with K1 over temperature
+        assert not found.over_temperature
+        assert "the residual follows the position" in said
     if kind == "position":
         assert "44°" in found.alone
 
