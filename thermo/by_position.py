@@ -69,7 +69,7 @@ def by_position(
         What the head's stated accuracy, 1 sigma, does to each reading: each position may be off
         by that.
     """
-    if not channel.has_input:
+    if not (channel.has_input and line.noise.white > 0.0):
         return None
     names, group = positions_of(channel)
     if len(names) < 2:
@@ -93,10 +93,11 @@ def positions_of(channel: Channel) -> tuple[list[str], IntArray]:
     _, first, group = np.unique(keys, axis=0, return_index=True, return_inverse=True)
     group = group.reshape(-1)
     if first.size > MANY:
-        edges = np.linspace(forces[:, 0].min(), forces[:, 0].max(), MANY + 1)
-        bins = np.digitize(forces[:, 0], edges[1:-1])
+        a_i = forces[:, 0]
+        edges: FloatArray = np.linspace(float(a_i.min()), float(a_i.max()), MANY + 1)
+        bins = np.digitize(a_i, edges[1:-1])
         present, group = np.unique(bins, return_inverse=True)
-        middles = 0.5 * (edges[present] + edges[present + 1])
+        middles: FloatArray = 0.5 * (edges[present] + edges[present + 1])
         return [f"{a:.2f} g along IA" for a in middles.tolist()], group.reshape(-1)
     at = channel.position_deg[first]
     return [
@@ -134,23 +135,27 @@ def _test(
     log_p = float(stats.chi2.logsf(chi2, kept.shape[1]))
     if log_p > np.log(FALSE_ALARM) or size < WORTH * line.noise.white:
         return None
-    single = along**2 / np.maximum(np.diag(cov), np.finfo(float).tiny)
+    variance: FloatArray = np.maximum(np.diag(cov), float(np.finfo(float).tiny))
+    single: FloatArray = np.square(along) / variance
     single[np.diag(gram) <= RANK * count.max()] = 0.0
     means = 1e6 * (own.T @ line.residual) / np.sum(own**2, axis=0)
     worst = np.argsort(-np.abs(means))[:SHOWN]
+    alone: list[int] = tested[single > ALONE * chi2].tolist()
     ends = 1.0 if shape is None else 2.0
     return ByPosition(
         over_temperature=shape is not None,
         rms_ug=1e6 * size,
         sigmas=_deviate(log_p, chi2),
         positions=tuple((names[tested[k]], ends * float(means[k])) for k in worst),
-        alone=tuple(names[tested[k]] for k in np.flatnonzero(single > ALONE * chi2)),
+        alone=tuple(names[k] for k in alone),
     )
 
 
 def _deviate(log_p: float, chi2: float) -> float:
     """Return the normal deviate that is as unlikely; far out it is the root of χ²."""
-    return float(stats.norm.isf(0.5 * np.exp(log_p))) if log_p > -600.0 else float(np.sqrt(chi2))
+    if log_p <= -600.0:  # the probability is beyond what a float holds
+        return float(np.sqrt(chi2))
+    return float(np.asarray(stats.norm.isf(0.5 * np.exp(log_p))))
 
 
 def by_position_sentence(found: ByPosition) -> str:
