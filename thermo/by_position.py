@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
+from scipy import special, stats
 
 from errormodel.arrays import FloatArray, IntArray
 from thermo.inputs import Channel
@@ -140,7 +140,8 @@ def _test(
     single[np.diag(gram) <= RANK * count.max()] = 0.0
     means = 1e6 * (own.T @ line.residual) / np.sum(own**2, axis=0)
     worst = np.argsort(-np.abs(means))[:SHOWN]
-    alone: list[int] = tested[single > ALONE * chi2].tolist()
+    told = np.asarray(single > ALONE * chi2, dtype=np.bool_)
+    alone: list[int] = tested[told].tolist()
     ends = 1.0 if shape is None else 2.0
     return ByPosition(
         over_temperature=shape is not None,
@@ -155,7 +156,7 @@ def _deviate(log_p: float, chi2: float) -> float:
     """Return the normal deviate that is as unlikely; far out it is the root of χ²."""
     if log_p <= -600.0:  # the probability is beyond what a float holds
         return float(np.sqrt(chi2))
-    return float(np.asarray(stats.norm.isf(0.5 * np.exp(log_p))))
+    return -float(special.ndtri(0.5 * float(np.exp(log_p))))
 
 
 def by_position_sentence(found: ByPosition) -> str:
