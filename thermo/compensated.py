@@ -42,6 +42,9 @@ class CompensatedChannel:
         What misalignment and cross-coupling may leave in where the position is not known, µg.
     run_to_run_known : bool
         Whether the sigmas allow for how runs differ: not when the model is of one run.
+    scale_left_ug : float or None
+        What each per cent by which K1 is not nominal leaves in at another gravity than the fit's,
+        µg: one position cannot give K1, and K0 holds what it is off. None where K1 was fitted.
     """
 
     serial: str
@@ -54,6 +57,7 @@ class CompensatedChannel:
     sigma_ug: float
     left_in_ug: float | None
     run_to_run_known: bool
+    scale_left_ug: float | None
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -181,7 +185,15 @@ def _channel(
         sigma_ug=1e6 * rms(values.accel_sigma_g[good]) if good.any() else 0.0,
         left_in_ug=None if known else _left_in_ug(model),
         run_to_run_known=model.run_to_run is not None,
+        scale_left_ug=_scale_left_ug(runs.take(np.flatnonzero(mine)).gravity_m_s2, model),
     )
+
+
+def _scale_left_ug(gravity_m_s2: float, model: AccelerometerModel) -> float | None:
+    """Return what K0 has of one per cent of K1 at the fit's site and not here, at 1 g, µg."""
+    if not model.has_input or "k1" in model.names:
+        return None
+    return 1e4 * abs(gravity_m_s2 / model.gravity_m_s2 - 1.0)
 
 
 def _left_in_ug(model: AccelerometerModel) -> float:

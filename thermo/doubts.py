@@ -5,8 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from errormodel.arrays import FloatArray
 from errormodel.fit import ModelFit
 from errormodel.model import ErrorModel
+from thermo.by_position import ByPosition, by_position
 from thermo.considered import (
     output_step,
     step_moves,
@@ -50,10 +52,12 @@ class Doubts:
     inside : Inside or None
         Where the reference temperature lies outside the readings.
     unseen : tuple of Unseen
-        Orders that the readings do not limit; the covariance counts them.
+        Orders that are not in the model; the covariance counts them.
     odd_run : OddRun or None
     left_out : tuple of LeftOut
         What the residual still follows.
+    by_position : ByPosition or None
+        How the residual follows the position.
     noise_sentences : tuple of str
     loop_sigma_ug : float or None
         Of heating minus cooling.
@@ -72,6 +76,7 @@ class Doubts:
     unseen: tuple[Unseen, ...]
     odd_run: OddRun | None
     left_out: tuple[LeftOut, ...]
+    by_position: ByPosition | None
     noise_sentences: tuple[str, ...]
     loop_sigma_ug: float | None
     thermistor_noise_c: float
@@ -83,7 +88,11 @@ class Doubts:
 
 
 def doubts_of(
-    line: Linearised, channel: Channel, t_ref_c: float, lost: Sequence[str] = ()
+    line: Linearised,
+    channel: Channel,
+    t_ref_c: float,
+    lost: Sequence[str] | None = None,
+    by_angle: FloatArray | None = None,
 ) -> tuple[Doubts, ModelFit]:
     """Return what is to be doubted of a fit, and the fit with a covariance that counts it.
 
@@ -93,8 +102,10 @@ def doubts_of(
     channel : Channel
         What was fitted.
     t_ref_c : float
-    lost : sequence of str
-        Coefficients that the readings cannot give.
+    lost : sequence of str, optional
+        Coefficients that the readings cannot give; None when the user gave the terms.
+    by_angle : ndarray, shape (n,), optional
+        What the head's stated accuracy does to each reading.
     """
     noise_c = thermistor_noise_c(channel)
     step = output_step(np.asarray(channel.record.output))
@@ -105,7 +116,7 @@ def doubts_of(
     support = support_of(channel)
     low, high = support.temp_c[0][0], support.temp_c[-1][1]
     outside = not low <= t_ref_c <= high
-    unseen = unseen_orders(line, channel, outside=outside)
+    unseen = unseen_orders(line, channel, chosen=lost is not None, outside=outside)
     inside = _inside(fit, t_ref_c, low, high) if outside else None
     whole = with_moves(fit, np.array([u.among(fit.names) for u in unseen]).T) if unseen else fit
     weights = loop_weights(channel)
@@ -119,6 +130,7 @@ def doubts_of(
         unseen=unseen,
         odd_run=odd_run(line, channel.run_ids),
         left_out=left_out(line, channel),
+        by_position=by_position(line, channel, by_angle),
         noise_sentences=tuple(noise_sentences(line, channel)),
         loop_sigma_ug=loop_sigma,
         thermistor_noise_c=noise_c,
@@ -127,7 +139,7 @@ def doubts_of(
         and bool(np.any(np.abs(wobble[:, 0]) > MATTERS * line.fit.sigmas)),
         output_step_counts=stairs.shape[1] > 0,
         one_way=tuple(_one_way(line, channel)) if weights is None else (),
-        holders={name: _holders(line, name) for name in lost if name in MAY_BE_HELD},
+        holders={name: _holders(line, name) for name in lost or () if name in MAY_BE_HELD},
     ), whole
 
 

@@ -12,7 +12,7 @@ from errormodel.model import ErrorModel
 from errormodel.noise import NoiseModel
 from errormodel.run_effects import RunEffect
 from thermo.doubts import Doubts, doubts_of
-from thermo.head_errors import with_head_accuracy
+from thermo.head_errors import ARCSEC, output_by_angle, with_head_accuracy
 from thermo.heldout import held_out, heldout_sigma_ug
 from thermo.inputs import Channel, channel_of, refuse_without_temperature
 from thermo.linearised import linearised
@@ -193,10 +193,12 @@ def _told(
     line = linearised(referred, channel.record)
     noise_cov = line.fit.cov
     line = with_run_effects(line, settled(channel))
+    head = None
     if terms.head_arcsec:
+        head = terms.head_arcsec * ARCSEC * output_by_angle(line.fit, line.record)
         line = with_head_accuracy(line, terms.head_arcsec)
-    lost = selection.not_separable if selection else ()
-    doubts, result = doubts_of(line, channel, terms.t_ref_c, lost)
+    lost = selection.not_separable if selection else None
+    doubts, result = doubts_of(line, channel, terms.t_ref_c, lost, head)
     raw_ug = constants_only_ug(np.asarray(channel.record.output), channel.record["a_i_g"], 1.0)
     residual_ug = 1e6 * line.residual
     support = support_of(channel)

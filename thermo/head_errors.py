@@ -34,7 +34,7 @@ def with_head_accuracy(line: Linearised, sigma_arcsec: float) -> Linearised:
         1 sigma of the head's angle, ″.
     """
     head_deg, sigma = line.record["head_deg"], sigma_arcsec * ARCSEC
-    by_angle = _output_by_angle(line.fit, line.record)
+    by_angle = output_by_angle(line.fit, line.record)
     smooth = by_angle[:, None] * _functions(head_deg)
     moved = [line.moved(smooth) * sigma]
     positions, which = np.unique(np.round(head_deg, 2) % 360.0, return_inverse=True)
@@ -65,7 +65,7 @@ def _functions(head_deg: FloatArray) -> FloatArray:
     return np.column_stack([np.ones(angle.size), *harmonics]) / np.sqrt(3.0)
 
 
-def _output_by_angle(fitted: ModelFit, record: Record) -> FloatArray:
+def output_by_angle(fitted: ModelFit, record: Record) -> FloatArray:
     """Return the output's derivative by the angle the accelerometer stands at, per rad."""
     a_i, a_p = record["a_i_g"], record["a_p_g"]
     cosine, sine = np.cos(STEP_RAD), np.sin(STEP_RAD)

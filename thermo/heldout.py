@@ -81,7 +81,8 @@ def heldout_sigma_ug(line: Linearised, noise_cov: FloatArray, rms_ug: float) -> 
     """
     if not line.run_effects:
         return None
-    gram = line.columns.T @ line.columns / len(line.record)
+    triangle = line.columns.triangle()
+    gram = triangle.T @ triangle / len(line.record)
     squares = _within_runs(line, float(np.sum(noise_cov * gram)))
     shares = np.full(squares.size, 1.0 / squares.size)
     for k, effect in enumerate(line.run_effects):

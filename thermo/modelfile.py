@@ -122,6 +122,16 @@ class AccelerometerModel(_Part):
         scale = np.array([factors[name] for name in self.names])
         return np.asarray(np.array(self.covariance) / np.outer(scale, scale))
 
+    def own_moves(self) -> dict[tuple[str, int], dict[str, float]]:
+        """Return what orders not in the model may do, in the model's own unit: family, order."""
+        return {
+            (one.family, one.order): {
+                name: move / (self.nominal_scale if name == "k1" else 1e6)
+                for name, move in one.moves.items()
+            }
+            for one in self.unseen
+        }
+
     def values(self) -> dict[str, float]:
         """Return the coefficients in the model's own unit, as `ErrorModel.simulate` takes them."""
         factors = reporting_factors(self.error_model(), self.nominal_scale)

@@ -63,13 +63,12 @@ def _by_temperature(model: AccelerometerModel, at: Record, gain: FloatArray) -> 
 def _unseen(model: AccelerometerModel, columns: FloatArray, x: FloatArray) -> FloatArray:
     """Return the variance by unseen orders, less the part that the covariance has already."""
     total = np.zeros(x.size)
-    for one in model.unseen:
+    for (family, _), moves in model.own_moves().items():
         inside, beyond = np.zeros(x.size), np.zeros(x.size)
-        base = columns[:, model.names.index(one.family)]
-        if one.family == "k1":  # the polynomial of the scale factor is relative
+        base = columns[:, model.names.index(family)]
+        if family == "k1":  # the polynomial of the scale factor is relative
             base = base * model.values()["k1"]
-        for name, move in one.moves.items():
-            own = move / (model.nominal_scale if name == "k1" else 1e6)
+        for name, own in moves.items():
             if name in model.names:
                 inside += own * columns[:, model.names.index(name)]
             else:

@@ -80,8 +80,11 @@ def flag_readings(record: RecordedRuns, place: Callable[[int], str] | None = Non
     for one in all_series(record, flags):
         flags |= _temperature_outliers(one)
     usual = {serial: preliminary_model(record, serial, flags) for serial in record.serials}
+    before = len(flags)
     for serial in record.serials:
         flags |= _clipped(list(all_series(record, flags, serial)), usual[serial])
+    if len(flags) > before:  # they bent it
+        usual = {serial: preliminary_model(record, serial, flags) for serial in record.serials}
     structured = list[str]()
     for serial in record.serials:
         found: dict[int, str] = {}
@@ -137,6 +140,10 @@ def _is_clipped(one: Series, extreme: float) -> bool:
         mine = one.output[one.place == place]
         equal = int((mine == extreme).sum())
         repeats = _usual_repeats(mine[mine != extreme])
+        if len(mine) - equal < FEWEST:  # too few to tell what is usual: as at the other positions
+            others = np.argsort(one.place, kind="stable")
+            others = others[one.output[others] != extreme]
+            repeats = min(repeats, _usual_repeats(one.output[others], one.place[others]))
         if equal >= FEWEST_CLIPPED and repeats ** (equal - 1) < LIKELY_REPEATS:
             return True
     return False

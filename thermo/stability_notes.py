@@ -1,13 +1,13 @@
 """What of a batch cannot be compared, and what must be known of what can."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from errormodel.errors import InputError
 from thermo.recording import RecordedRuns
-from thermo.stability_runs import MIN_READINGS, RunByRun
+from thermo.stability_runs import MIN_READINGS, RunByRun, followed
 
 NOISIER = 1.5  # times the noise of a run with the least, from which it is told
 SLOW = 1.0  # of a run's length: a drift with a longer time constant looks like a step between runs
@@ -88,6 +88,7 @@ def notes_of(one: RunByRun, temperatures: Sequence[float]) -> tuple[str, ...]:
         for r, ratio in one.noise_ratios.items()
         if ratio > NOISIER * least
     ]
+    notes += _hidden(one, least)
     record = one.joint.channel.record
     spans = [float(np.ptp(record.time_s[rows])) for rows in record.run_slices]
     tau_s, drift_ug = one.noise.drift_tau_s, 1e6 * one.noise.drift
@@ -97,3 +98,19 @@ def notes_of(one: RunByRun, temperatures: Sequence[float]) -> tuple[str, ...]:
             "within the runs: drift so slow cannot be told from a difference between runs"
         )
     return tuple(notes)
+
+
+def _hidden(one: RunByRun, least: float) -> Iterator[str]:
+    """Tell what a quiet run shows that the noise of others hid from the choice of the model."""
+    if max(one.noise_ratios.values()) <= NOISIER * least:
+        return
+    for run in one.runs:
+        if one.noise_ratios[run.run_id] > NOISIER * least:
+            continue
+        if found := followed(one, run)[:1]:
+            yield (
+                f"run {run.run_id} still follows {found[0].words} ({found[0].rms_ug:.3g} µg rms, "
+                f"{found[0].sigmas:.2g} sigma), which the noise of the others hid from the model "
+                "chosen on all runs: its coefficients are off by more than their sigmas; compare "
+                "the quiet runs without the noisy ones"
+            )

@@ -14,6 +14,8 @@ from errormodel.record import Record
 from errormodel.terms import Term
 from thermo.fitting import AccelerometerFit
 from thermo.inputs import HOLD, Channel
+from thermo.left_out import LeftOut, left_out
+from thermo.linearised import linearised
 from thermo.stability_noise import degrees_of_freedom, runs_noise
 from thermo.terms import LIBRARY, MICRO
 
@@ -188,6 +190,14 @@ def fit_run_by_run(joint: AccelerometerFit, order: Sequence[str]) -> RunByRun:
         residual_ug=at_input * np.concatenate(left),
         direction=directions(channel),
     )
+
+
+def followed(one: RunByRun, run: RunFit) -> tuple[LeftOut, ...]:
+    """Return what a run's residual still follows, beyond the model chosen on all runs alike."""
+    channel, model = one.joint.channel, one.joint.fit.model
+    part = channel.take(channel.runs_mask((run.run_id,)))
+    part = _without_held(part, model, run.fit.model, run.values)
+    return left_out(linearised(run.fit, part.record), part)
 
 
 def directions(channel: Channel) -> IntArray:

@@ -33,7 +33,8 @@ def chamber_model(one: AccelerometerModel) -> ChamberModel:
     """Return a fitted model as the rig takes it: in the model's own units.
 
     What belonged to the fitted runs or moments alone is left out: on the rig it is not. The next
-    orders of bias and scale factor come in at zero, with what they may do unseen.
+    orders of bias and scale factor come in at zero, with what they may do unseen; what the file's
+    covariance counts of it is not counted twice.
 
     Raises
     ------
@@ -56,6 +57,7 @@ def chamber_model(one: AccelerometerModel) -> ChamberModel:
         np.array([own[n] for n in model.names]),
         np.array(one.covariance)[np.ix_(at, at)] / np.outer(scale, scale),
         (one.valid_c[0] - one.t_ref_c, one.valid_c[1] - one.t_ref_c),
+        one.own_moves(),
     )
     return ChamberModel(
         serial=one.serial,

@@ -170,6 +170,7 @@ def _compensated_document(done: CompensatedFile, out: Path) -> dict[str, object]
                 "sigma_ug": c.sigma_ug,
                 "left_in_ug": c.left_in_ug,
                 "run_to_run_known": c.run_to_run_known,
+                "scale_left_ug": c.scale_left_ug,
             }
             for c in done.channels
         ],
@@ -200,6 +201,12 @@ def _notes(c: CompensatedChannel) -> Iterator[str]:
             f"{c.serial}: errors are not to be had where the input is not recorded; without "
             f"positions misalignment and cross-coupling stay in, up to {micro_g(c.left_in_ug)} "
             "at 1 g across"
+        )
+    if c.scale_left_ug:
+        yield (
+            f"{c.serial}: K1 was taken as nominal, and K0 holds what it is off at the gravity of "
+            f"the fit: at the gravity here each per cent of that leaves {micro_g(c.scale_left_ug)} "
+            "in at 1 g; the sigmas do not allow for it"
         )
     if not c.run_to_run_known:
         yield (

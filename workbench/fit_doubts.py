@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 
+from thermo.by_position import by_position_sentence
 from thermo.fitting import AccelerometerFit
 from thermo.left_out import left_out_sentence
 from thermo.modelfile import inside_of
@@ -31,6 +32,8 @@ def doubt_sentences(one: AccelerometerFit) -> Iterator[str]:
     yield from _odd(one)
     if one.doubts.left_out:
         yield left_out_sentence(one.doubts.left_out)
+    if one.doubts.by_position:
+        yield by_position_sentence(one.doubts.by_position)
     yield from one.doubts.noise_sentences
     yield from _lost(one)
     if one.doubts.temperature_noise_counts:

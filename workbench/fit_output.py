@@ -6,6 +6,7 @@ from typing import Any
 from rich.console import RenderableType
 from rich.table import Table
 
+from thermo.by_position import ByPosition
 from thermo.findings import LoopFinding, find_loop, find_order
 from thermo.fitting import AccelerometerFit
 from thermo.modelfile import ModelFile, inside_of, reported, run_to_run_of
@@ -98,9 +99,22 @@ def _doubts(one: AccelerometerFit) -> dict[str, Any]:
             {"name": f.name, "follows": f.words, "rms_ug": f.rms_ug, "sigmas": f.sigmas}
             for f in doubts.left_out
         ],
+        "follows_position": _followed(doubts.by_position),
         "thermistor_noise_c": doubts.thermistor_noise_c,
         "output_step_ug": doubts.output_step_ug,
         "warnings": list(doubt_sentences(one)),
+    }
+
+
+def _followed(found: ByPosition | None) -> dict[str, Any] | None:
+    if found is None:
+        return None
+    return {
+        "over_temperature": found.over_temperature,
+        "rms_ug": found.rms_ug,
+        "sigmas": found.sigmas,
+        "positions": [{"name": name, "mean_ug": ug} for name, ug in found.positions],
+        "alone": list(found.alone),
     }
 
 

@@ -170,10 +170,13 @@ def test_a_reference_temperature_outside_is_said_and_carried(setup: Setup) -> No
     assert k0.sigma < 20.0
 
 
-def test_within_the_range_nothing_is_added() -> None:
+def test_within_the_range_only_orders_left_out_are_counted() -> None:
     one = fitted(Setup())
     assert one.doubts.inside is None
-    assert one.doubts.unseen == ()
+    orders = [(u.family, u.order) for u in one.doubts.unseen]
+    assert orders == [("k0", 3), ("k1", 3), ("k0", 4), ("k1", 4)]  # what the choice left out
+    (given,) = fit_runs(campaign(Setup(), 1), terms=TermsFile(terms=tuple(TRUE)))
+    assert given.doubts.unseen == ()
     assert list(doubt_sentences(one)) == ["these runs cannot give: delta_p, k_io, each taken as 0"]
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from errormodel.arrays import FloatArray
 from errormodel.scatter import range_quantile, sigma_bounds
-from tests.thermo.stability_examples import SIX, one_run, recorded, runs_of
+from tests.thermo.stability_examples import NOMINAL, SIX, one_run, recorded, runs_of
 from thermo.recording import RecordedRuns
 from thermo.stability import AccelerometerStability, Stability, judge_stability
 from thermo.stability_curves import CurveSet
@@ -271,3 +271,21 @@ def test_runs_that_do_not_differ_are_said_to_in_2_5_percent_at_most(runs: int) -
     # 2.5 % of 300 is 7.5 ± 2.7; the curves' bound is one of 5 %
     assert max(wrong[n] for n in ("k0", "k1", "k0_t1")) <= 16, wrong
     assert wrong["curve"] <= 26, wrong
+
+
+def test_what_a_noisy_run_hides_from_a_quiet_one_is_told() -> None:
+    rng = np.random.default_rng(61)
+    plain = [
+        one_run(rng, "A", run, white_ug=white, drift_ug=0.0)
+        for run, white in (("r1", 5.0), ("r2", 250.0))
+    ]
+    curved = [  # K0's second order of 0.02 µg/°C², which SIX has not
+        frame.assign(output=frame["output"] + NOMINAL * 0.02e-6 * (frame["temp_c"] - 25.0) ** 2)
+        for frame in plain
+    ]
+    told, silent = (
+        " ".join(judge_stability(recorded(frames), terms=SIX).accelerometers[0].notes)
+        for frames in (curved, plain)
+    )
+    assert "run r1 still follows the temperature to the power 2" in told
+    assert "still follows" not in silent
