@@ -10,12 +10,14 @@ from errormodel.errors import NotSeparableError
 from errormodel.fit import ModelFit, fit_values
 from errormodel.model import ErrorModel
 from errormodel.record import Record
-from errormodel.run_effects import Z95
+from errormodel.run_effects import Z95, RunEffect
 from thermo.inputs import Channel
 from thermo.linearised import Linearised
 from thermo.residuals import ResidualSummary, summarise
 
-QUANTILES = 16  # of a mean square that is not known exactly
+QUANTILES = 4000  # of what is not known exactly
+FINE = 16  # steps of an octave
+SEED = 1  # of what goes with what among them
 
 
 def held_out(
@@ -83,17 +85,31 @@ def heldout_sigma_ug(line: Linearised, noise_cov: FloatArray, rms_ug: float) -> 
         return None
     triangle = line.columns.triangle()
     gram = triangle.T @ triangle / len(line.record)
-    squares = _within_runs(line, float(np.sum(noise_cov * gram)))
-    shares = np.full(squares.size, 1.0 / squares.size)
+    draws = np.random.default_rng(SEED)
+    squares = draws.permutation(_within_runs(line, float(np.sum(noise_cov * gram))))
     for k, effect in enumerate(line.run_effects):
         along, moves = line.run_directions[:, k], line.run_moves(k)
         once = float(along @ gram @ along) + float(np.sum((gram @ moves) * moves))
-        squares = np.add.outer(squares, np.square(effect.sigmas) * once).ravel()
-        shares = np.multiply.outer(shares, effect.shares).ravel()
-    away = np.abs(1e6 * np.sqrt(squares) - rms_ug)
-    order = np.argsort(away)
-    within = np.cumsum(shares[order]) <= 0.95 * float(shares.sum())
-    return float(away[order][min(int(within.sum()), away.size - 1)]) / Z95
+        squares = squares + once * draws.permutation(_likely_sigmas(effect)) ** 2
+    return float(np.quantile(np.abs(1e6 * np.sqrt(squares) - rms_ug), 0.95)) / Z95
+
+
+def _likely_sigmas(effect: RunEffect) -> FloatArray:
+    """Return what runs may differ by, equally likely each: 0, or between the octaves of a sigma.
+
+    Between two octaves the logarithm of the likelihood is taken for a straight line.
+    """
+    if not effect.sigmas[-1] > 0:
+        return np.zeros(QUANTILES)
+    octaves = np.log2(effect.sigmas[1:])
+    fine = np.linspace(octaves[0], octaves[-1], FINE * (len(octaves) - 1) + 1)
+    heights = np.log(np.maximum(effect.shares[1:], np.finfo(float).tiny))
+    density = np.exp(np.interp(fine, octaves, heights))
+    none = effect.shares[0] / sum(effect.shares)
+    reached = none + (1.0 - none) * np.cumsum(density) / density.sum()
+    wanted = (np.arange(QUANTILES) + 0.5) / QUANTILES
+    sigmas = 2.0 ** np.interp(wanted, reached, fine)
+    return np.where(wanted < none, 0.0, sigmas)
 
 
 def _within_runs(line: Linearised, by_coefficients: float) -> FloatArray:
