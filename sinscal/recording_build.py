@@ -31,7 +31,7 @@ from sinscal.recording_rows import (
     stretches,
     temperatures,
 )
-from sinscal.run import AXES, BoolArray, RigFacts, RigRun
+from sinscal.run import AXES, BoolArray, Quantum, RigFacts, RigRun
 
 BRIDGE = 5  # steps
 NEITHER = "expected either; navigation outputs are for rig calibrate --mode navigation alone"
@@ -99,7 +99,7 @@ def build_rig(raw: RawTable, facts: RigFacts, *, mend: bool = True) -> RigRun:
     rows = _without_zeros(raw, rows, warnings) if mend else rows
     rows = _without_long_dropouts(raw, rows, warnings)
     rows = _bridged_dropouts(raw, rows, warnings)
-    rows = _without_wild(raw, rows, warnings) if mend else rows
+    rows = _without_wild(raw, rows, facts.quantum, warnings) if mend else rows
     return _with_steps(raw, rows, nominal_s, facts, warnings)
 
 
@@ -177,9 +177,14 @@ def _without_zeros(raw: RawTable, rows: _Rows, warnings: list[str]) -> _Rows:
     return replace(rows, gyro=gyro, accel=accel)
 
 
-def _without_wild(raw: RawTable, rows: _Rows, warnings: list[str]) -> _Rows:
+def _without_wild(raw: RawTable, rows: _Rows, quantum: Quantum, warnings: list[str]) -> _Rows:
     """Put straight lines in place of readings that stand alone and flag their rows."""
-    found = {k: wild_readings(getattr(rows, k), rows.cycle) for k in ("gyro", "accel")}
+    usual_s = float(np.median(np.diff(rows.time_s)))
+    steps = {
+        "gyro": max(quantum.gyro_rad / usual_s, quantum.gyro_rad_s),
+        "accel": max(quantum.accel_m_s / usual_s, quantum.accel_m_s2),
+    }
+    found = {k: wild_readings(getattr(rows, k), rows.cycle, step) for k, step in steps.items()}
     either = np.asarray(np.hstack([*found.values()]).any(axis=1))
     if not either.any():
         return rows

@@ -23,6 +23,7 @@ MOST_MENDED = 0.01  # share of a cycle's rows: more is no recording
 ALONE = 2  # rows
 BEYOND = ALONE + 1  # rows
 SIGMAS = 10.0  # as of shocks
+COUNTS = 2.5  # steps of a counter: so far two roundings may lie from a third
 OVER_MOTION = 2.0  # times what the neighbours differ by: a corner of a rate leaves a half
 AROUND, LONELY = 10, 4.0  # rows on either side, and times what they are: a ripple is not alone
 FEWEST = 50  # rows of a cycle; of fewer the noise is not known
@@ -80,8 +81,16 @@ def zero_rows(gyro: FloatArray, accel: FloatArray, cycle: IntArray) -> tuple[Boo
     return no_rate, no_force
 
 
-def wild_readings(values: FloatArray, cycle: IntArray) -> BoolArray:
-    """Return the readings of a triad that stand alone for one or two rows, shape (n, 3)."""
+def wild_readings(values: FloatArray, cycle: IntArray, step: float = 0.0) -> BoolArray:
+    """Return the readings of a triad that stand alone for one or two rows, shape (n, 3).
+
+    Parameters
+    ----------
+    values : ndarray, shape (n, 3)
+    cycle : ndarray, shape (n,)
+    step : float
+        Of the readings, where they are counts or rounded; 0 when not stated.
+    """
     found = np.zeros(values.shape, dtype=np.bool_)
     for rows in _cycles(cycle):
         part = values[rows]
@@ -96,6 +105,7 @@ def wild_readings(values: FloatArray, cycle: IntArray) -> BoolArray:
         # the rows that a line takes one end from are off by half of it, and not from the median
         apart = np.abs(part - usual)
         seen = stands_out(off, SIGMAS) & (apart > 0.5 * np.abs(off))
+        seen &= apart > COUNTS * step
         for a, b in stretches(np.asarray(seen.any(axis=1))):
             if b - a > ALONE or a == 0 or b == len(part):
                 continue
