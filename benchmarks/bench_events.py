@@ -22,19 +22,19 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
+from benchmarks.blind.chamber.plan import recipe
+from benchmarks.blind.chamber.truth import write_set
 from errormodel.arrays import FloatArray
-from errormodel.discrepancy.coloured import NoiseShape, drifting
 from errormodel.discrepancy.events import POWERS, event_ratios, noise_menu
 from errormodel.discrepancy.floor import PENALTY, Restricted
 from errormodel.discrepancy.nulls import NullLaw
 from errormodel.discrepancy.problem import Candidate, Problem
 from errormodel.discrepancy.scan import View
-from tests.hidden.chamber_truth import write_set
-from tests.hidden.plan import recipe
-from thermo.discrepancy_baseline import bare_baseline
-from thermo.discrepancy_source import ThermalSource
-from thermo.inputs import channel_of
-from thermo.recording import read_runs
+from errormodel.noise.shapes import NoiseShape, drifting
+from thermo.discrepancy.baseline import bare_baseline
+from thermo.discrepancy.source import ThermalSource
+from thermo.recording.channel import channel_of
+from thermo.recording.files import read_runs
 
 WHITE_UG = 5.0 / np.sqrt(6.0)  # of a block: six readings of 5 µg
 NOISES = {"white": NoiseShape(), "white + OU": drifting((3.0 / WHITE_UG) ** 2, 3600.0)}

@@ -22,12 +22,12 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from errormodel.table_write import write_with_sidecar
-from thermo.station_shell import load_station
-from thermo.store import NewTest, open_store
+from errormodel.io.table_write import write_with_sidecar
+from thermo.launch.real import load_station
+from thermo.store.store import NewTest, open_store
 
 DATA = Path(__file__).parent.parent / "data"
-COMMAND = [sys.executable, "-c", "from workbench.cli import main; raise SystemExit(main())"]
+COMMAND = [sys.executable, "-c", "from accelbench.cli import main; raise SystemExit(main())"]
 SIDECAR = 'output_unit = "mA"\ngravity_m_s2 = 9.81\nnominal_scale = 1.25\n'
 PIECE = 100_000
 

@@ -27,17 +27,17 @@ import numpy as np
 import pandas as pd
 from pyins import filters, inertial_sensor, measurements, sim, strapdown
 
-from sinscal.calibrate import calibrate
-from sinscal.covariance import rig_covariance
-from sinscal.earth import DEG_PER_H
-from sinscal.judged import Options, calibrate_and_judge
-from sinscal.motion import rig_motion
-from sinscal.priors import make_prior
-from sinscal.programme import there_and_back
-from sinscal.rigdata import RigNoise
-from sinscal.sensors import sensor_model
-from sinscal.simulate import SensorNoise, simulate_rig
-from sinscal.terms import BASIC
+from sinscal.calibration.rig import calibrate
+from sinscal.filter.data import RigNoise
+from sinscal.frames.earth import DEG_PER_H
+from sinscal.judgement.judge import Options, calibrate_and_judge
+from sinscal.model.priors import make_prior
+from sinscal.model.sensors import sensor_model
+from sinscal.model.terms import BASIC
+from sinscal.planning.covariance import rig_covariance
+from sinscal.twin.motion import rig_motion
+from sinscal.twin.programme import there_and_back
+from sinscal.twin.simulate import SensorNoise, simulate_rig
 
 HZ, CYCLE_S = 100.0, 900.0
 SAMPLES = round(3 * CYCLE_S * HZ)

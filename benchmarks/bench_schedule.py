@@ -14,9 +14,9 @@ import numpy as np
 
 from drivers.clock import RealClock
 from drivers.station import StationConfig
-from thermo.sequence import Sequence
-from thermo.station_emulated import default_station, run_emulated
-from thermo.store import open_store
+from thermo.launch.emulated import default_station, run_emulated
+from thermo.planning.sequence import Sequence
+from thermo.store.store import open_store
 
 ACCELEROMETERS = 8  # an output and a thermistor each: 16 channels
 RATE_HZ = 10.0

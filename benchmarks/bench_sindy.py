@@ -25,14 +25,14 @@ import numpy as np
 from pysindy.optimizers import STLSQ
 
 from errormodel.arrays import FloatArray
-from errormodel.discrepancy.coloured import NoiseShape
-from tests.thermo.discrepancy_examples import hidden_runs
-from thermo.discrepancy import find_discrepancy
-from thermo.discrepancy_baseline import bare_baseline
-from thermo.discrepancy_source import ThermalSource
-from thermo.effects import EFFECTS
-from thermo.inputs import channel_of
-from thermo.recording import RecordedRuns
+from errormodel.noise.shapes import NoiseShape
+from tests.thermo.discrepancy.examples import hidden_runs
+from thermo.discrepancy.baseline import bare_baseline
+from thermo.discrepancy.find import find_discrepancy
+from thermo.discrepancy.source import ThermalSource
+from thermo.library.effects import EFFECTS
+from thermo.recording.channel import channel_of
+from thermo.recording.files import RecordedRuns
 
 # effect, what it is in the simulator, size
 HIDDEN: Sequence[tuple[str, Mapping[str, float]]] = (

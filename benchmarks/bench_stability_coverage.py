@@ -21,7 +21,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy
 
 import argparse
 
-from tests.thermo.stability_coverage import LAWS, run_in_coverage, stability_coverage
+from tests.thermo.stability.coverage import LAWS, run_in_coverage, stability_coverage
 
 
 def main() -> None:

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from sinscal.experiment import Experiment, navigation_experiment
-from sinscal.nav_outputs import position_errors
-from workbench.plotting import dress, legend_below, new_figure, picture
+from accelbench.shell.plotting import dress, legend_below, new_figure, picture
+from sinscal.article.experiment import Experiment, navigation_experiment
+from sinscal.calibration.nav_outputs import position_errors
 
 PICTURE = Path(__file__).parents[1] / "docs/pictures/nav-experiment.png"
 

@@ -110,7 +110,7 @@ class Chamber(Device, Protocol):
     def recognition(self) -> Mapping[str, float | str]:
         """What `identify` recognised the controller by; empty before.
 
-        Given to `drivers.chambers.open_chamber`, it lets another process recognise the same
+        Given to `drivers.chambers.open.open_chamber`, it lets another process recognise the same
         controller again, also when its sensor has failed since.
         """
         ...

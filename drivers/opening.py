@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from types import TracebackType
 from typing import TypeVar
 
-from drivers.chambers import open_chamber
+from drivers.chambers.open import open_chamber
 from drivers.clock import Clock
 from drivers.devices import Chamber, Device, Digitiser, IndexingHead
+from drivers.digitisers.keysight_34970a import ScanningMultimeter
 from drivers.errors import LinkError
-from drivers.motion import MotionHead
-from drivers.multimeter import ScanningMultimeter
+from drivers.heads.newport_esp301 import MotionHead
 from drivers.station import StationConfig
 
 log = logging.getLogger(__name__)

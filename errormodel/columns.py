@@ -11,8 +11,8 @@ from numpy.typing import DTypeLike
 
 from errormodel.arrays import FloatArray
 from errormodel.blocks import block_slices
-from errormodel.compressed import triangle_of
 from errormodel.fit import derivative
+from errormodel.linear import triangle_of
 from errormodel.model import ErrorModel
 from errormodel.record import Record
 

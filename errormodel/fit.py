@@ -14,19 +14,19 @@ import numpy as np
 from scipy import linalg, optimize
 
 from errormodel.arrays import FloatArray, freeze, readonly
-from errormodel.compressed import (
+from errormodel.errors import NotSeparableError
+from errormodel.linear import (
     Compressed,
     compress,
     compressed,
     solve_compressed,
     triangle_of,
 )
-from errormodel.errors import NotSeparableError
 from errormodel.model import ErrorModel
-from errormodel.noise import NoiseFit, NoiseModel, estimate_noise_of
+from errormodel.noise.drift import NoiseFit, NoiseModel, estimate_noise_of
+from errormodel.noise.whitening import Whitening, drift_product
 from errormodel.record import Record
 from errormodel.separability import Separability, separability
-from errormodel.whitening import Whitening, drift_product
 
 Weighting = Literal["equal", "noise"]
 Support = Sequence[tuple[float, NoiseModel]]

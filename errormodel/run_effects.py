@@ -27,7 +27,7 @@ from scipy import optimize, stats
 
 from errormodel.arrays import FloatArray, IntArray
 from errormodel.columns import Columns
-from errormodel.noise import NoiseModel
+from errormodel.noise.drift import NoiseModel
 from errormodel.record import Record
 
 OCTAVES = 15

@@ -7,7 +7,7 @@ import numpy as np
 from scipy import linalg
 
 from errormodel.arrays import FloatArray
-from errormodel.compressed import triangle_of
+from errormodel.linear import triangle_of
 
 # Partners in a confounded group take part with at least this share of the largest.
 PARTNER_SHARE = 0.2

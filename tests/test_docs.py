@@ -11,12 +11,12 @@ import click
 import numpy as np
 import pytest
 
-from errormodel.files import read_toml
-from thermo.fitting import read_terms
-from thermo.importing_map import LogMap
-from thermo.sequence import load_sequence
-from thermo.terms import LIBRARY
-from workbench.cli import accelbench, main
+from accelbench.cli import accelbench, main
+from errormodel.io.toml import read_toml
+from thermo.fitting.fit import read_terms
+from thermo.library.terms import LIBRARY
+from thermo.planning.sequence import load_sequence
+from thermo.recording.foreign_map import LogMap
 
 ROOT = Path(__file__).parents[1]
 REFERENCE = ROOT / "docs/reference"

@@ -8,14 +8,14 @@ from pathlib import Path
 import click
 import pytest
 
+from accelbench.cli import accelbench
 from drivers.station import StationConfig
-from errormodel.files import read_toml
-from thermo.heartbeat import silence_limit_s
-from thermo.station_safe import RETRY_S
-from workbench.cli import accelbench
+from errormodel.io.toml import read_toml
+from thermo.safety.heartbeat import silence_limit_s
+from thermo.station.safe_end import RETRY_S
 
 ROOT = Path(__file__).parents[1]
-UNITS = sorted((ROOT / "data/systemd").glob("*.service"))
+UNITS = sorted((ROOT / "examples/systemd").glob("*.service"))
 SECONDS = {"s": 1.0, "min": 60.0}
 
 
@@ -46,8 +46,8 @@ def test_every_command_of_a_unit_is_one_the_program_takes(path: Path) -> None:
 
 
 def test_the_guardian_is_before_the_watchdog_and_the_clean_up_before_the_kill() -> None:
-    service = read(ROOT / "data/systemd/accelbench@.service")["Service"]
-    for path in (ROOT / "data/stations").glob("*.toml"):
+    service = read(ROOT / "examples/systemd/accelbench@.service")["Service"]
+    for path in (ROOT / "examples/stations").glob("*.toml"):
         limit_s = silence_limit_s(read_toml(path, StationConfig))
         assert limit_s < seconds(service["WatchdogSec"])
     assert seconds(service["TimeoutStopSec"]) > RETRY_S
@@ -56,8 +56,8 @@ def test_the_guardian_is_before_the_watchdog_and_the_clean_up_before_the_kill() 
 
 
 def test_what_a_failed_test_starts_is_there_and_goes_on_trying() -> None:
-    unit = read(ROOT / "data/systemd/accelbench@.service")
-    follower = ROOT / "data/systemd" / unit["Unit"]["OnFailure"].replace("%i", "")
+    unit = read(ROOT / "examples/systemd/accelbench@.service")
+    follower = ROOT / "examples/systemd" / unit["Unit"]["OnFailure"].replace("%i", "")
     assert follower in UNITS
     both = [read(path)["Service"] for path in (UNITS[0], UNITS[1])]
     assert both[0]["User"] == both[1]["User"]

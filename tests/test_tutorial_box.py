@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sinscal.recording import read_rig_run
-from workbench.cli import main
+from accelbench.cli import main
+from sinscal.recording.files import read_rig_run
 
 FOLDER = Path(__file__).parents[1] / "docs/tutorial"
 NUMBER = re.compile(r"[-+−]?\d+(?:\.\d+)?(?:e[-+−]?\d+)?")

@@ -17,21 +17,21 @@ import click
 import sqlalchemy as sa
 from pydantic import BaseModel
 
+from accelbench.cli import accelbench
+from drivers.chambers.maps import load_map
 from drivers.emulators.faults import PANEL_KINDS, REPLY_KINDS
-from drivers.registers import load_map
 from drivers.station import ChamberConfig, FaultKind, StationConfig
 from errormodel.terms import InputChange
-from sinscal.recording import NavSidecar, RigSidecar
-from sinscal.rigfile import RigFile
-from thermo.fitting import TermsFile
-from thermo.importing_map import LogMap
-from thermo.modelfile import ModelFile
-from thermo.plan_bounds import SEQUENCE, STATION, Bounds
-from thermo.recording import Sidecar
-from thermo.sequence import Sequence
-from thermo.store_schema import metadata
-from thermo.terms import LIBRARY
-from workbench.cli import accelbench
+from sinscal.recording.files import NavSidecar, RigSidecar
+from sinscal.twin.rig_file import RigFile
+from thermo.compensation.model_file import ModelFile
+from thermo.fitting.fit import TermsFile
+from thermo.library.terms import LIBRARY
+from thermo.planning.bounds import SEQUENCE, STATION, Bounds
+from thermo.planning.sequence import Sequence
+from thermo.recording.files import Sidecar
+from thermo.recording.foreign_map import LogMap
+from thermo.store.schema import metadata
 
 HERE = Path(__file__).parent
 BLOCK = re.compile(r"<!-- table: (\S+) -->\n.*?<!-- end -->", re.DOTALL)

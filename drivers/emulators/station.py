@@ -12,7 +12,7 @@ from drivers.emulators.faults import FaultPlan
 from drivers.emulators.motion import HeadEmulator
 from drivers.emulators.multimeter import MultimeterEmulator
 from drivers.emulators.plant import Plant
-from drivers.modbus import Transport, parse_url
+from drivers.links.modbus import Transport, parse_url
 from drivers.station import ChamberConfig, FaultKind, PanelAction, StationConfig
 
 log = logging.getLogger(__name__)

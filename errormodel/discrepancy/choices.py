@@ -6,10 +6,10 @@ from typing import Protocol
 
 import numpy as np
 
-from errormodel.discrepancy.coloured import NoiseShape
 from errormodel.discrepancy.floor import NoiseFloor
 from errormodel.discrepancy.problem import Problem, Theta
 from errormodel.discrepancy.scan import Found
+from errormodel.noise.shapes import NoiseShape
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

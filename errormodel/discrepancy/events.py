@@ -13,14 +13,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from errormodel.arrays import FloatArray
-from errormodel.discrepancy.coloured import (
-    SLOWEST_SPANS,
-    NoiseShape,
-    TimeBase,
-    drifting,
-    flicker,
-    walking,
-)
 from errormodel.discrepancy.floor import PENALTY, REACH, NoiseFloor, Restricted
 from errormodel.discrepancy.problem import (
     Candidate,
@@ -31,6 +23,14 @@ from errormodel.discrepancy.problem import (
     independent,
 )
 from errormodel.discrepancy.scan import Prepared, View
+from errormodel.noise.shapes import (
+    SLOWEST_SPANS,
+    NoiseShape,
+    TimeBase,
+    drifting,
+    flicker,
+    walking,
+)
 
 MOST_SHAPES = 12  # without an event, over which likelihoods are maximised
 MOST_BESIDE = 5  # beside each event

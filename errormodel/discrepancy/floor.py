@@ -12,7 +12,8 @@ import numpy as np
 from scipy import linalg, optimize
 
 from errormodel.arrays import FloatArray
-from errormodel.discrepancy.coloured import (
+from errormodel.discrepancy.problem import independent
+from errormodel.noise.shapes import (
     SLOWEST_SPANS,
     NoiseShape,
     TimeBase,
@@ -20,7 +21,6 @@ from errormodel.discrepancy.coloured import (
     flicker,
     walking,
 )
-from errormodel.discrepancy.problem import independent
 
 # Shapes whose log-likelihood is this far below the best are not drawn from: 3 sigma.
 REACH = 4.5

@@ -13,12 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from errormodel.arrays import FloatArray
-from errormodel.discrepancy.coloured import NoiseShape, TimeBase
 from errormodel.discrepancy.events import event_ratios, shapes_allowed
 from errormodel.discrepancy.floor import PENALTY, NoiseFloor, Restricted
 from errormodel.discrepancy.problem import Problem
 from errormodel.discrepancy.scale import Scales
 from errormodel.discrepancy.scan import Prepared, View
+from errormodel.noise.shapes import NoiseShape, TimeBase
 
 TAIL_SHARE = 0.2
 TAIL_MOST = 100  # draws: an exponential's scale is then known to a tenth

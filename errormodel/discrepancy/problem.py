@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from errormodel.arrays import FloatArray
-from errormodel.discrepancy.coloured import NoiseShape, TimeBase
+from errormodel.noise.shapes import NoiseShape, TimeBase
 
 Theta = tuple[float, ...]
 

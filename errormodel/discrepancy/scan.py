@@ -7,8 +7,8 @@ import numpy as np
 from scipy import optimize
 
 from errormodel.arrays import FloatArray
-from errormodel.discrepancy.coloured import NoiseShape, Whitener
 from errormodel.discrepancy.problem import Candidate, Factor, Problem, Signature, Theta, independent
+from errormodel.noise.shapes import NoiseShape, Whitener
 
 # What is left of a column beside the others, as a share of its length, when it counts as nothing.
 NOTHING = 2e-3

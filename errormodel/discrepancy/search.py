@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 
 from errormodel.discrepancy.choices import Choice, Rules, SearchResult, Slot, Source
-from errormodel.discrepancy.coloured import NoiseShape
 from errormodel.discrepancy.events import event_ratios, events_of, fixed, placed
 from errormodel.discrepancy.floor import NoiseFloor, estimate_floor
 from errormodel.discrepancy.nulls import Calibration
@@ -22,6 +21,7 @@ from errormodel.discrepancy.ranking import (
 )
 from errormodel.discrepancy.scan import Found, Prepared, View
 from errormodel.discrepancy.wander import over_wander
+from errormodel.noise.shapes import NoiseShape
 
 # Simulates the null laws anew once the noise has been estimated beside an event.
 Recalibrate = Callable[[Problem, NoiseFloor], Calibration]

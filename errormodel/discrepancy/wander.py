@@ -14,9 +14,9 @@ import numpy as np
 from scipy import linalg
 
 from errormodel.arrays import FloatArray
-from errormodel.discrepancy.coloured import NoiseShape, TimeBase
 from errormodel.discrepancy.floor import PENALTY, Restricted
 from errormodel.discrepancy.problem import Problem, independent
+from errormodel.noise.shapes import NoiseShape, TimeBase
 
 # Cosines over the measurement: the shortest has a period of a twentieth of it, and a sigma 1600
 # times less than the first.

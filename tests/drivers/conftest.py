@@ -8,12 +8,12 @@ from collections.abc import Iterator
 import pytest
 
 from drivers.clock import SteppedClock
+from drivers.digitisers.keysight_34970a import ScanningMultimeter
 from drivers.emulators.faults import FaultPlan
 from drivers.emulators.motion import HeadEmulator
 from drivers.emulators.multimeter import MultimeterEmulator
 from drivers.emulators.serial_server import SerialServer
-from drivers.motion import MotionHead
-from drivers.multimeter import ScanningMultimeter
+from drivers.heads.newport_esp301 import MotionHead
 from drivers.station import DigitiserConfig, HeadConfig
 
 TIMEOUT_S = 0.08

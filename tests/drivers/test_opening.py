@@ -9,8 +9,7 @@ from drivers.emulators.station import EmulatedStation
 from drivers.errors import DeviceError, LimitError, LinkError
 from drivers.opening import open_station
 from drivers.station import StationConfig
-
-from .conftest import BenchPlant
+from tests.drivers.conftest import BenchPlant
 
 
 def station_config(**sections) -> StationConfig:

@@ -5,8 +5,7 @@ from pydantic import ValidationError
 
 from drivers.devices import CHAMBER_C
 from drivers.station import StationConfig
-
-from .test_opening import station_config
+from tests.drivers.test_opening import station_config
 
 
 def revalidated(**wiring):

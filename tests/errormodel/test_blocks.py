@@ -7,9 +7,9 @@ from numpy.testing import assert_allclose
 from errormodel import blocks, columns
 from errormodel.fit import derivative, fit, fit_values
 from errormodel.model import ErrorModel
-from errormodel.noise import NoiseModel
+from errormodel.noise.drift import NoiseModel
 from errormodel.record import Record
-from thermo.terms import term
+from thermo.library.terms import term
 
 NAMES = ("k1", "k1_t1", "k0", "k0_t1", "thermal_lag", "bias_hysteresis", "turn_on_offset_1")
 START = {"thermal_lag": 90.0, "bias_hysteresis_width": 8.0}

@@ -8,7 +8,7 @@ from scipy import stats
 from errormodel.errors import NotSeparableError
 from errormodel.fit import expected_covariance, fit, fit_many
 from errormodel.model import ErrorModel
-from errormodel.noise import NoiseModel
+from errormodel.noise.drift import NoiseModel
 from errormodel.record import Record
 from tests.errormodel.examples import decay_term, linear_term
 

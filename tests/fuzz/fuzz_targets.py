@@ -11,16 +11,16 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from accelbench.cli import main
 from errormodel.errors import InputError
-from sinscal.plain_log import read_plain_log
-from sinscal.recording import read_nav_run, read_rig_run
-from thermo.fitting import TermsFile, fit_runs, read_terms
-from thermo.importing import import_log
-from thermo.modelfile import dump_model, make_model_file, read_model
-from thermo.recording import make_runs, read_runs
-from thermo.sequence import load_sequence
-from thermo.station_shell import load_station
-from workbench.cli import main
+from sinscal.recording.files import read_nav_run, read_rig_run
+from sinscal.triad.plain_log import read_plain_log
+from thermo.compensation.model_file import dump_model, make_model_file, read_model
+from thermo.fitting.fit import TermsFile, fit_runs, read_terms
+from thermo.launch.real import load_station
+from thermo.planning.sequence import load_sequence
+from thermo.recording.files import make_runs, read_runs
+from thermo.recording.foreign import import_log
 
 ROOT = Path(__file__).parents[2]
 
@@ -136,8 +136,8 @@ PLAIN = b"# x y z\nt;x;y;z\n" + b"".join(
     f"{k / 100};{k};{-k};{9.8 + k}\n".encode() for k in range(40)
 )
 
-SEQUENCE = (ROOT / "data/sequences/short.toml").read_bytes()
-STATION = (ROOT / "data/stations/f4t.toml").read_bytes()
+SEQUENCE = (ROOT / "examples/sequences/short.toml").read_bytes()
+STATION = (ROOT / "examples/stations/f4t.toml").read_bytes()
 TERMS = b"""# what to fit
 terms = ["k1", "k0", "k0_t1", "k1_t1"]
 t_ref_c = 25.0
@@ -274,11 +274,11 @@ TARGETS: list[Target] = [
     Target("mapping", {"log.txt": LOG, "map.toml": MAP}, "map.toml", _log),
     *(
         Target(f"sequence {p.stem}", {"s.toml": p.read_bytes()}, "s.toml", _sequence)
-        for p in sorted((ROOT / "data/sequences").glob("*.toml"))
+        for p in sorted((ROOT / "examples/sequences").glob("*.toml"))
     ),
     *(
         Target(f"station {p.stem}", {"s.toml": p.read_bytes()}, "s.toml", _station)
-        for p in sorted((ROOT / "data/stations").glob("*.toml"))
+        for p in sorted((ROOT / "examples/stations").glob("*.toml"))
     ),
     Target("terms", {"t.toml": TERMS}, "t.toml", lambda folder: read_terms(folder / "t.toml")),
     Target("model", {"m.json": MODEL}, "m.json", lambda folder: read_model(folder / "m.json")),

@@ -18,8 +18,8 @@ ALL_TOGETHER = 2_100
 @pytest.fixture(autouse=True)
 def _no_log(monkeypatch):
     """A failure's report would drown in the warnings about unknown columns."""
-    monkeypatch.setattr(logging.getLogger("errormodel.tables"), "disabled", True)
-    monkeypatch.setattr(logging.getLogger("thermo.importing"), "disabled", True)
+    monkeypatch.setattr(logging.getLogger("errormodel.io.tables"), "disabled", True)
+    monkeypatch.setattr(logging.getLogger("thermo.recording.foreign"), "disabled", True)
 
 
 def contents(folder: Path) -> dict[str, bytes]:

@@ -5,9 +5,9 @@ The attitude is exact at the middle of each step; earth's rotation and gravity a
 
 import numpy as np
 
-from sinscal.attitude import rotation
-from sinscal.earth import Site
-from sinscal.run import RigFacts, RigRun
+from sinscal.frames.attitude import rotation
+from sinscal.frames.earth import Site
+from sinscal.recording.run import RigFacts, RigRun
 
 SITE = Site(lat_rad=float(np.deg2rad(55.75)), height_m=150.0)
 # instrument axes (columns: the axis that lies along the rig's, and the one up at angle 0)

@@ -5,15 +5,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from errormodel.arrays import FloatArray
-from sinscal.earth import ARCSEC, DEG_PER_H
-from sinscal.judged import Judged
-from sinscal.motion import RigFaults, rig_motion
-from sinscal.priors import make_prior
-from sinscal.programme import there_and_back
-from sinscal.run import RigRun
-from sinscal.sensors import sensor_model
-from sinscal.simulate import SensorNoise, simulate_rig
-from sinscal.terms import BASIC
+from sinscal.frames.earth import ARCSEC, DEG_PER_H
+from sinscal.judgement.judge import Judged
+from sinscal.model.priors import make_prior
+from sinscal.model.sensors import sensor_model
+from sinscal.model.terms import BASIC
+from sinscal.recording.run import RigRun
+from sinscal.twin.motion import RigFaults, rig_motion
+from sinscal.twin.programme import there_and_back
+from sinscal.twin.simulate import SensorNoise, simulate_rig
 
 NOISE = SensorNoise(gyro=0.1 * DEG_PER_H, accel=1e-3, angle=15 * ARCSEC)
 EXTRA = ("lever_arm", "gyro_g_sensitivity", "gyro_scale_asymmetry", "accel_second_order")

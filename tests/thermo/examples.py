@@ -3,7 +3,7 @@
 import numpy as np
 import pandas as pd
 
-from thermo.recording import RecordedRuns, make_runs
+from thermo.recording.files import RecordedRuns, make_runs
 
 ANGLES = (0.0, 90.0, 180.0, 270.0, 45.0, 225.0)
 NOMINAL = 1.3

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from errormodel.discrepancy.coloured import NoiseShape, TimeBase
 from errormodel.discrepancy.problem import Candidate, Factor, Problem, Signature
+from errormodel.noise.shapes import NoiseShape, TimeBase
 
 
 def time_base(runs: int = 3, n: int = 120, step_s: float = 60.0) -> TimeBase:

@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy import linalg
 
-from errormodel.discrepancy.coloured import NoiseShape, TimeBase, drifting, flicker, walking
+from errormodel.noise.shapes import NoiseShape, TimeBase, drifting, flicker, walking
 from tests.errormodel.discrepancy.examples import time_base
 
 BASE = time_base(runs=2, n=40)

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from errormodel.discrepancy.coloured import NoiseShape, drifting
 from errormodel.discrepancy.events import placed, shapes_allowed
 from errormodel.discrepancy.floor import estimate_floor
 from errormodel.discrepancy.problem import Candidate, Problem, Signature, Theta
+from errormodel.noise.shapes import NoiseShape, drifting
 from tests.errormodel.discrepancy.examples import time_base
 
 BASE = time_base()

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from errormodel.discrepancy.coloured import NoiseShape, drifting
 from errormodel.discrepancy.floor import estimate_floor
+from errormodel.noise.shapes import NoiseShape, drifting
 from tests.errormodel.discrepancy.examples import time_base, waves
 
 BASE = time_base(runs=4, n=250)

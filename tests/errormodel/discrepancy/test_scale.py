@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from errormodel.discrepancy.coloured import NoiseShape
 from errormodel.discrepancy.floor import NoiseFloor
 from errormodel.discrepancy.nulls import calibrate
 from errormodel.discrepancy.scale import Scales
+from errormodel.noise.shapes import NoiseShape
 from tests.errormodel.discrepancy.examples import linear_problem, time_base, waves
 
 BASE = time_base()

@@ -5,13 +5,13 @@ import pytest
 from numpy.testing import assert_allclose
 
 from errormodel.discrepancy.choices import LinearSource, Rules, SearchResult
-from errormodel.discrepancy.coloured import NoiseShape
 from errormodel.discrepancy.floor import NoiseFloor
 from errormodel.discrepancy.foresight import foresee
 from errormodel.discrepancy.gate import judge
 from errormodel.discrepancy.nulls import Calibration, calibrate
 from errormodel.discrepancy.scan import Prepared, View
 from errormodel.discrepancy.search import Search
+from errormodel.noise.shapes import NoiseShape
 from tests.errormodel.discrepancy.examples import linear_problem, time_base, waves
 
 BASE = time_base()

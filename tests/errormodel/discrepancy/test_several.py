@@ -5,13 +5,13 @@ import pytest
 
 from errormodel.arrays import FloatArray
 from errormodel.discrepancy.choices import LinearSource, Rules
-from errormodel.discrepancy.coloured import NoiseShape
 from errormodel.discrepancy.floor import NoiseFloor
 from errormodel.discrepancy.nulls import Calibration, calibrate
 from errormodel.discrepancy.problem import Candidate, Problem, Signature
 from errormodel.discrepancy.scan import View
 from errormodel.discrepancy.search import Search
 from errormodel.discrepancy.several import joint_block, search_all
+from errormodel.noise.shapes import NoiseShape
 from tests.errormodel.discrepancy.examples import time_base, waves
 
 BASE = time_base()

@@ -3,9 +3,9 @@
 import numpy as np
 
 from errormodel.arrays import FloatArray
-from errormodel.discrepancy.coloured import NoiseShape, drifting
 from errormodel.discrepancy.problem import Problem
 from errormodel.discrepancy.wander import over_wander
+from errormodel.noise.shapes import NoiseShape, drifting
 from tests.errormodel.discrepancy.examples import time_base
 
 BASE = time_base(runs=4, n=300)

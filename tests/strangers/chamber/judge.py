@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from accelbench.cli import main
 from tests.strangers.chamber.physics import Array, Run, columns, forces
 from tests.strangers.chamber.setups import AXES, HEADS, SetUp
-from workbench.cli import main
 
 SERIAL, CRASH = "A1", 99
 POINTERS = (

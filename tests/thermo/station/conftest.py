@@ -14,10 +14,10 @@ from drivers.clock import SteppedClock
 from drivers.devices import ChannelReading, LinkCounters, Range, SafeResult, ScanChannel
 from drivers.opening import Station
 from drivers.station import StationConfig
-from errormodel.files import read_toml
-from thermo.sequence import Sequence, parse_sequence
-from thermo.store import Store, open_store
-from thermo.twin import Twin, make_plant
+from errormodel.io.toml import read_toml
+from thermo.planning.sequence import Sequence, parse_sequence
+from thermo.store.store import Store, open_store
+from thermo.twin.plant import Twin, make_plant
 
 ROOT = Path(__file__).parents[3]
 Hook = Callable[[str], None]
@@ -154,7 +154,7 @@ class FakeHead(FakeDevice):
 
 @pytest.fixture
 def config() -> StationConfig:
-    return read_toml(ROOT / "data/stations/f4t.toml", StationConfig)
+    return read_toml(ROOT / "examples/stations/f4t.toml", StationConfig)
 
 
 @pytest.fixture
@@ -187,10 +187,10 @@ def store(tmp_path: Path) -> Iterator[Store]:
 
 @pytest.fixture
 def edit_sequence() -> Callable[..., Sequence]:
-    """Return a function that reads data/sequences/short.toml with pieces of text exchanged."""
+    """Return a function that reads examples/sequences/short.toml with pieces of text exchanged."""
 
     def edited(*pairs: tuple[str, str]) -> Sequence:
-        text = (ROOT / "data/sequences/short.toml").read_text(encoding="utf-8")
+        text = (ROOT / "examples/sequences/short.toml").read_text(encoding="utf-8")
         for old, new in pairs:
             assert old in text, old
             text = text.replace(old, new, 1)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from drivers.clock import ScaledClock
 from drivers.station import StationConfig
-from thermo.station_shell import load_sequence, run_on_station
+from thermo.launch.real import load_sequence, run_on_station
 
 
 def say(*words: object) -> None:

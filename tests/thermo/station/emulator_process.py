@@ -3,8 +3,8 @@
 import sys
 
 from drivers.clock import ScaledClock
-from thermo.sequence import load_sequence
-from thermo.station_emulated import default_station, emulated
+from thermo.launch.emulated import default_station, emulated
+from thermo.planning.sequence import load_sequence
 
 
 def say(*words: object) -> None:

@@ -8,11 +8,11 @@ import time
 from contextlib import contextmanager
 from pathlib import Path
 
-from drivers.chambers import open_chamber
+from drivers.chambers.open import open_chamber
 from drivers.station import StationConfig
-from thermo.processes import process_state
-from thermo.station_shell import load_sequence
-from thermo.store import open_store
+from thermo.launch.real import load_sequence
+from thermo.safety.processes import process_state
+from thermo.store.store import open_store
 
 HERE = Path(__file__).parent
 SPEED = 300.0

@@ -1,0 +1,109 @@
+"""The larger model that a search found, as the files that the other commands take."""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from errormodel.fit import examine
+from errormodel.model import ErrorModel
+from errormodel.terms import Term
+from thermo.compensation.model_file import ModelFile, dump_model, make_model_file
+from thermo.compensation.terms_file import terms_toml
+from thermo.discrepancy.find import Discrepancy
+from thermo.discrepancy.source import Fitted
+from thermo.fitting.fit import TermsFile, fit_runs
+from thermo.recording.files import RecordedRuns
+
+
+def present_terms(d: Discrepancy) -> TermsFile:
+    """Return the terms of the present model, its nonlinear parameters at their estimates."""
+    return _terms(d, d.before)
+
+
+def larger_terms(d: Discrepancy) -> TermsFile:
+    """Return the terms of the model with the effects found."""
+    return _terms(d, d.after)
+
+
+def _terms(d: Discrepancy, fitted: Fitted) -> TermsFile:
+    names = _separable(d, fitted)
+    start = {p.name: fitted.values[p.name] for p in fitted.model.parameters}
+    return TermsFile(terms=names, t_ref_c=d.t_ref_c, start=start)
+
+
+def _separable(d: Discrepancy, fitted: Fitted) -> tuple[str, ...]:
+    """Return the terms of a model that a fit to the same runs can tell from those before them.
+
+    An effect may have more terms than the runs show: of forces across the input axis a head shows
+    those in its plane alone.
+    """
+    terms, record = list(fitted.model.terms), d.channel.record
+    while True:
+        lost = examine(ErrorModel(tuple(terms)), record, fitted.values).confounded
+        added = [
+            t
+            for t in terms[len(d.before.model.terms) :]
+            if isinstance(t, Term)
+            and any(c.name in group for c in t.coefficients for group in lost)
+        ]
+        if not added:
+            return tuple(t.name for t in terms)
+        terms.remove(added[-1])
+
+
+def larger_toml(d: Discrepancy) -> str:
+    """Return the larger model's TERMS.toml, each term with what it is."""
+    larger = larger_terms(d)
+    sentences = {t.name: t.sentence for t in d.after.model.terms}
+    return terms_toml(larger, [sentences[name] for name in larger.terms or ()])
+
+
+def fitted_file(runs: RecordedRuns, terms: Sequence[tuple[str, TermsFile]]) -> ModelFile:
+    """Return a model file, each accelerometer fitted by terms of its own.
+
+    Parameters
+    ----------
+    runs : RecordedRuns
+    terms : sequence of (str, TermsFile)
+        Serial number and terms.
+    """
+    fits = [one for s, given in terms for one in fit_runs(runs.select(serial=s), terms=given)]
+    return make_model_file(fits)
+
+
+def model_files(
+    runs: RecordedRuns, found: Sequence[Discrepancy], out: Path
+) -> list[tuple[Path, bytes]]:
+    """Return the larger model: its terms for `fit`, and the fitted file for `compensate`."""
+    fitted = dump_model(fitted_file(runs, [(d.serial, larger_terms(d)) for d in found])).encode()
+    if out.suffix.lower() == ".json":
+        return [(out, fitted)]
+    terms = [larger_toml(d).encode() for d in (_foremost(found), *(found if found[1:] else ()))]
+    first, fitted_path, *each = model_paths(out, len(found))
+    return [*zip([first, *each], terms, strict=True), (fitted_path, fitted)]
+
+
+def model_paths(out: Path, count: int) -> list[Path]:
+    """Return where the model goes: its terms, the fitted file, the terms of each of several."""
+    if out.suffix.lower() == ".json":
+        return [out]
+    each = [out.with_stem(f"{out.stem}-{k + 1}") for k in range(count if count > 1 else 0)]
+    return [out, out.with_suffix(".json"), *each]
+
+
+def _foremost(found: Sequence[Discrepancy]) -> Discrepancy:
+    """Return the first accelerometer from whose model something is missing, else the first."""
+    return next((d for d in found if d.effects), found[0])
+
+
+def model_lines(found: Sequence[Discrepancy], out: Path) -> Iterator[str]:
+    """Say which file holds whose model."""
+    what = "larger model" if any(d.effects for d in found) else "nothing to add; present model"
+    paths = model_paths(out, len(found))
+    yield f"{what}: {', '.join(str(p) for p in paths[:2])}"
+    for d, path in zip(found, paths[2:], strict=False):  # of one alone there is no file
+        yield f"of {d.serial} alone: {path}"
+    for d in found:
+        kept = set(larger_terms(d).terms or ())
+        lost = [t.name for t in d.after.model.terms if t.name not in kept]
+        if lost:
+            yield f"left out for {d.serial}, these runs do not give all of it: {', '.join(lost)}"

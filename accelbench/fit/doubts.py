@@ -1,0 +1,128 @@
+"""What a fit's coefficients and sigmas do not say by themselves, a sentence each."""
+
+from collections.abc import Iterator
+
+from accelbench.shell.console import number
+from thermo.compensation.model_file import inside_of
+from thermo.fitting.fit import AccelerometerFit
+from thermo.uncertainty.by_position import by_position_sentence
+from thermo.uncertainty.left_out import left_out_sentence
+
+# Of what may differ from run to run: factor to the unit, the unit, and in what.
+UNITS = {
+    "k0": (1e6, "µg", "K0"),
+    "k1": (1e6, "ppm", "K1"),
+    "temp_c": (1.0, "°C", "the thermistor's temperature"),
+}
+EVEN_ODDS = 0.5
+FEW_RUNS = 3  # may agree by chance though runs differ: with two, one in ten times
+
+
+def doubt_sentences(one: AccelerometerFit) -> Iterator[str]:
+    """Tell what is to be doubted of an accelerometer's fit.
+
+    Yields
+    ------
+    str
+        One sentence for each: extrapolation, gaps, an odd run, what the residual follows, errors
+        that the sigmas had to allow for, what cannot be had and where it is instead.
+    """
+    yield from _extrapolated(one)
+    yield from _gaps(one)
+    yield from _odd(one)
+    if one.doubts.left_out:
+        yield left_out_sentence(one.doubts.left_out)
+    if one.doubts.by_position:
+        yield by_position_sentence(one.doubts.by_position)
+    yield from one.doubts.noise_sentences
+    yield from _lost(one)
+    if one.doubts.temperature_noise_counts:
+        yield (
+            f"the thermistor's noise of {number(one.doubts.thermistor_noise_c, 2)} °C is not small "
+            "in this range: it pulls slopes towards 0; the sigmas allow for that"
+        )
+    if one.doubts.output_step_counts:
+        yield (
+            f"the output goes in steps of {number(one.doubts.output_step_ug, 3)} µg, coarser than "
+            "its noise: errors repeat at each visit to a position; the sigmas allow for that"
+        )
+    if one.heldout is None and len(one.channel.run_ids) > 1 and not one.heldout_runs:
+        yield "no run can be held out: without it the others cannot give every coefficient"
+
+
+def _extrapolated(one: AccelerometerFit) -> Iterator[str]:
+    inside = inside_of(one)
+    if inside is None:
+        return
+    low, high = one.valid_c
+    away = max(low - one.t_ref_c, one.t_ref_c - high)
+    told = ", ".join(
+        f"{name} {number(v['value'], 7)} ± {number(v['sigma'], 2)} {v['unit']}"
+        for name, v in inside["coefficients"].items()
+        if name in ("k0", "k1", "k0_t1", "k1_t1")
+    )
+    yield (
+        f"the reference temperature {one.t_ref_c:g} °C lies {number(away, 3)} °C outside the "
+        f"readings ({number(low)} to {number(high)} °C): the coefficients are extrapolated, and "
+        f"their sigmas allow for orders that do not show here; at {inside['t_ref_c']:g} °C, "
+        f"inside: {told}"
+    )
+
+
+def _gaps(one: AccelerometerFit) -> Iterator[str]:
+    gaps = one.support.gaps_c
+    if not gaps:
+        return
+    where = ", ".join(f"{number(a, 3)} to {number(b, 3)} °C" for a, b in gaps)
+    yield (
+        f"no reading from {where}: the polynomials are not held there; the sigmas allow for "
+        "orders that would not show, and compensate flags readings there"
+    )
+
+
+def _odd(one: AccelerometerFit) -> Iterator[str]:
+    odd = one.doubts.odd_run
+    if odd is None:
+        return
+    factor, unit, what = UNITS[odd.name]
+    yield (
+        f"run {odd.run_id} lies apart from the others, by {number(factor * odd.off, 3)} ± "
+        f"{number(factor * odd.sigma, 2)} {unit} in {what}: look at it, or leave it out"
+    )
+
+
+def _lost(one: AccelerometerFit) -> Iterator[str]:
+    lost = one.selection.not_separable if one.selection else ()
+    if not lost:
+        return
+    zero = [n for n in lost if n != "k1"]
+    parts = [f"{', '.join(zero)}, each taken as 0"] if zero else []
+    parts += ["k1, taken as nominal"] if "k1" in lost else []
+    holders = [f"{n} in {', '.join(by)}" for n, by in one.doubts.holders.items() if by]
+    where = f"; what they are stands in others: {'; '.join(holders)}" if holders else ""
+    yield f"these runs cannot give: {'; '.join(parts)}{where}"
+
+
+def run_to_run_sentence(one: AccelerometerFit) -> str:
+    """Tell by how much runs differ, and whether the sigmas know it."""
+    count = len(one.channel.run_ids)
+    if count < 2:
+        return (
+            "one run: nothing is known of what differs from run to run, and the sigmas do not "
+            "allow for it"
+        )
+    shown = [e for e in one.run_effects if e.odds > EVEN_ODDS and e.likely > 0]
+    if not shown:
+        chance = ", as so few may by chance" if count <= FEW_RUNS else ""
+        return (
+            f"the {count} runs do not differ beyond noise and drift{chance}; the sigmas allow for "
+            "what noise and drift could hide"
+        )
+    told = ", ".join(
+        f"{number(UNITS[e.name][0] * e.likely, 2)} {UNITS[e.name][1]} in {UNITS[e.name][2]}"
+        for e in shown
+    )
+    return (
+        f"the {count} runs differ by {told} (1 sigma) beyond noise and drift; the sigmas allow for "
+        "it, and for knowing it from so few"
+    )

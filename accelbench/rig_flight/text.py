@@ -1,0 +1,220 @@
+"""Flights told: calibrations read, the JSON of `rig flight`, and the same in words."""
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+from rich.console import RenderableType
+
+from accelbench.shell.console import number, table
+from errormodel.errors import InputError
+from sinscal.article.published import COARSE_M, PRECISE_M, published_calibrations
+from sinscal.flight.covariance import NOISE, FlightCovariance, FlightNoise
+from sinscal.flight.monte_carlo import Agreement
+from sinscal.flight.navigation_errors import DV, PHI
+from sinscal.flight.trajectory import FlightPlan
+from sinscal.frames.earth import ARCMIN, DEG_PER_H
+from sinscal.model.residual_errors import Calibration
+
+COARSE, PRECISE = "coarse", "precise"
+SHOWN_SHARE = 0.005
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FlownCalibration:
+    """A calibration and what it left in flight: with the sensors' noise, and alone."""
+
+    name: str
+    found: FlightCovariance
+    alone: FlightCovariance
+    agreement: Agreement | None = None
+
+
+def read_calibrations(files: Sequence[Path]) -> list[tuple[str, Calibration]]:
+    """Read calibrations with their names; without files take the article's sigmas.
+
+    A file holds `names` and `covariance`, or these under `coarse` and `precise`. A calibration is
+    called by the file's `mode`, or else by the file's name.
+
+    Raises
+    ------
+    InputError
+        If a file is no such document, or two calibrations have one name.
+    """
+    if not files:
+        return list(zip((COARSE, PRECISE), published_calibrations(), strict=True))
+    found: list[tuple[str, Calibration]] = []
+    for path in files:
+        document = _document(path)
+        parts = [name for name in (COARSE, PRECISE) if "names" in _mapping(document.get(name))]
+        if parts:
+            found += [(n, _calibration(path, n, _mapping(document[n]))) for n in parts]
+        else:
+            name = document.get("mode")
+            name = name if isinstance(name, str) else path.stem
+            found.append((name, _calibration(path, "", document)))
+    names = [name for name, _ in found]
+    double = next((n for n in names if names.count(n) > 1), None)
+    if double is not None:
+        raise InputError(files[-1], "mode", f"there are two calibrations named {double!r}")
+    return found
+
+
+def _document(path: Path) -> Mapping[str, Any]:
+    try:
+        document = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as err:
+        raise InputError(path, "", f"cannot be read: {err.strerror or err}") from err
+    except ValueError as err:
+        raise InputError(path, "", f"is no JSON: {err}") from err
+    if not isinstance(document, dict):
+        raise InputError(path, "", "expected an object with names and covariance")
+    return cast(Mapping[str, Any], document)
+
+
+def _mapping(value: object) -> Mapping[str, Any]:
+    return cast(Mapping[str, Any], value) if isinstance(value, dict) else {}
+
+
+def _calibration(path: Path, place: str, part: Mapping[str, Any]) -> Calibration:
+    for key in ("names", "covariance"):
+        if key not in part:
+            where = ".".join(p for p in (place, key) if p)
+            raise InputError(path, where, "is missing; expected what rig calibrate writes")
+    names: Any = part["names"]
+    if not isinstance(names, list) or not all(isinstance(n, str) for n in cast(list[Any], names)):
+        raise InputError(path, "names", "expected a list of parameters' names")
+    try:
+        cov = np.array(part["covariance"], dtype=float)
+        return Calibration.of_sensors(cast(list[str], names), cov)
+    except (ValueError, TypeError) as err:
+        raise InputError(path, place or "covariance", str(err)) from err
+
+
+def flight_document(
+    plan: FlightPlan, noise: FlightNoise, flown: Sequence[FlownCalibration]
+) -> dict[str, Any]:
+    """Return what `rig flight --json` writes."""
+    return {
+        **_figures({one.name: one.found.rho_end_m for one in flown}),
+        "published": _figures({COARSE: COARSE_M, PRECISE: PRECISE_M}),
+        "calibration_alone": _figures({one.name: one.alone.rho_end_m for one in flown}),
+        "trajectory": {
+            "shape": "snake" if plan.amplitude_m else "straight",
+            "speed_m_s": plan.speed_m_s,
+            "amplitude_m": plan.amplitude_m,
+            "period_s": plan.period_s,
+            "duration_s": plan.duration_s,
+            "latitude_deg": math.degrees(plan.latitude_rad),
+            "heading_deg": math.degrees(plan.heading_rad),
+            "height_m": plan.height_m,
+            "takeoff_s": plan.takeoff_s,
+            "swing_deg": math.degrees(plan.swing_rad),
+            "max_bank_deg": math.degrees(plan.max_bank_rad),
+        },
+        "noise": {
+            "gyro_deg_h_rthz": noise.gyro / DEG_PER_H,
+            "accel_m_s2_rthz": noise.accel,
+            "alignment_s": noise.alignment_s,
+        },
+        "calibrations": [_calibration_document(one) for one in flown],
+    }
+
+
+def _figures(rho_m: Mapping[str, float]) -> dict[str, float | None]:
+    coarse, precise = rho_m.get(COARSE), rho_m.get(PRECISE)
+    ratio = coarse / precise if coarse is not None and precise else None
+    return {"coarse_m": coarse, "precise_m": precise, "ratio": ratio}
+
+
+def _calibration_document(one: FlownCalibration) -> dict[str, Any]:
+    start, end, held = one.found.sigma[0], one.found.sigma[-1], one.agreement
+    return {
+        "name": one.name,
+        "rho_m": one.found.rho_end_m,
+        "rho_calibration_alone_m": one.alone.rho_end_m,
+        "share": {group: float(v[-1]) for group, v in one.found.share.items()},
+        "sigma_start": {"attitude_arcmin": (start[PHI] / ARCMIN).tolist()},
+        "sigma_end": {
+            "attitude_arcmin": (end[PHI] / ARCMIN).tolist(),
+            "velocity_m_s": end[DV].tolist(),
+        },
+        "time_s": one.found.time_s.tolist(),
+        "rho_over_time_m": one.found.rho_m.tolist(),
+        "monte_carlo": None
+        if held is None
+        else {
+            "runs": held.runs,
+            "rho_m": held.rho_m,
+            "rho_interval_m": list(held.rho_interval_m),
+            "chi2_per_dof": held.chi2_per_dof,
+            "dof": held.dof,
+            "p_value": held.p_value,
+            "agrees": held.agrees,
+        },
+    }
+
+
+def flight_text(
+    plan: FlightPlan, noise: FlightNoise, flown: Sequence[FlownCalibration]
+) -> list[RenderableType]:
+    """Return the same for people."""
+    made = table("calibration", "ρ m", "ρ without noise m", "of ρ², %", right=("ρ m",))
+    for one in flown:
+        parts = [
+            f"{group.replace('_', ' ')} {100.0 * v[-1]:.0f}"
+            for group, v in one.found.share.items()
+            if abs(v[-1]) >= SHOWN_SHARE
+        ]
+        rho = [number(r.rho_end_m) for r in (one.found, one.alone)]
+        made.add_row(one.name, *rho, ", ".join(parts))
+    lines: list[RenderableType] = [f"ρ after {plan.duration_s / 3600.0:g} h, {trajectory(plan)}"]
+    lines.append(made)
+    figures = _figures({one.name: one.found.rho_end_m for one in flown})
+    if figures["ratio"] is not None:
+        lines.append(
+            f"coarse to precise {number(figures['ratio'], 3)}; the article has "
+            f"{COARSE_M:.0f} m and {PRECISE_M:.0f} m, {COARSE_M / PRECISE_M:.2f}"
+        )
+    lines.append(noise_text(noise))
+    lines += [held_text(one.name, one.agreement) for one in flown if one.agreement]
+    return lines
+
+
+def noise_text(noise: FlightNoise) -> str:
+    """Say the sensors' noise in one line."""
+    return (
+        f"noise: gyros {number(noise.gyro / DEG_PER_H)} °/h/√Hz, accelerometers "
+        f"{number(noise.accel)} m/s²/√Hz, alignment of {number(noise.alignment_s)} s"
+    )
+
+
+def held_text(name: str, held: Agreement) -> str:
+    """Say whether the full navigator's runs agree with the covariance."""
+    low, high = held.rho_interval_m
+    verdict = "agree with" if held.agrees else "CONTRADICT"
+    return (
+        f"{name}: {held.runs} runs of the full navigator {verdict} the covariance: ρ "
+        f"{number(held.rho_m)} m (expected {number(low)} to {number(high)}), χ² per degree of "
+        f"freedom {number(held.chi2_per_dof, 3)} (p {number(held.p_value, 2)})"
+    )
+
+
+def trajectory(plan: FlightPlan) -> str:
+    """Say a flight in one line."""
+    way = f"{plan.speed_m_s:g} m/s, heading {math.degrees(plan.heading_rad):g}°"
+    if not plan.amplitude_m:
+        return f"straight flight, {way}"
+    return (
+        f"snake of ±{plan.amplitude_m:g} m and {plan.period_s:g} s, {way} "
+        f"± {math.degrees(plan.swing_rad):.0f}°, bank to {math.degrees(plan.max_bank_rad):.0f}°"
+    )
+
+
+def group_title(group: str) -> str:
+    """Return a group's name for a legend."""
+    return group if group == NOISE else group.replace("_", " ").replace("accel ", "accelerometer ")

@@ -1,0 +1,42 @@
+"""Reading recorded runs for a command: what is doubtful is said, and makes the exit code 1."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import click
+
+from thermo.recording.files import RecordedRuns, read_runs
+from thermo.recording.units_check import checked_units
+
+trust_option = click.option(
+    "--trust-units",
+    is_flag=True,
+    help="Take units and signs as stated, however unlikely; the exit code is then 1.",
+)
+
+
+def read_with_doubts(
+    paths: Sequence[Path], *, trust_units: bool
+) -> tuple[RecordedRuns, tuple[str, ...]]:
+    """Read recorded runs, and say what is doubtful about their units.
+
+    Raises
+    ------
+    InputError
+        As `thermo.recording.files.read_runs`; for a doubt unless `trust_units`.
+    """
+    record = read_runs(paths, trust_units=trust_units)
+    return record, checked_units(record, trust_units=True) if trust_units else ()
+
+
+def add_reading_counts(
+    document: dict[str, Any], record: RecordedRuns, doubts: Sequence[str]
+) -> None:
+    """Add to a result how many readings were left out by which flag, and what is doubtful."""
+    flags = record.flag.text()
+    document["readings"] = {
+        "total": len(record),
+        "left_out": {name: int((flags == name).sum()) for name in record.flag.names if name},
+    }
+    document["doubtful_units"] = list(doubts)

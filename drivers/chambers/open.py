@@ -1,0 +1,47 @@
+"""The chambers there are drivers for."""
+
+from collections.abc import Callable, Mapping
+
+from drivers.chambers.eurotherm_3504 import Eurotherm3504
+from drivers.chambers.modbus_chamber import ModbusChamber
+from drivers.chambers.watlow_f4 import WatlowF4
+from drivers.chambers.watlow_f4t import WatlowF4T
+from drivers.devices import Chamber
+from drivers.station import ChamberConfig
+
+_DRIVERS: dict[str, type[ModbusChamber]] = {
+    "watlow_f4t": WatlowF4T,
+    "watlow_f4": WatlowF4,
+    "eurotherm_3504": Eurotherm3504,
+}
+
+
+def open_chamber(
+    config: ChamberConfig,
+    *,
+    permit: Callable[[], None] | None = None,
+    recognition: Mapping[str, float | str] | None = None,
+) -> Chamber:
+    """Make the driver of a chamber; the port is opened with the first question.
+
+    Parameters
+    ----------
+    config : ChamberConfig
+        The chamber's section of the station file.
+    permit : callable, optional
+        Called right before every write; what it raises (`FencedError`) keeps it from being sent.
+    recognition : mapping, optional
+        `Chamber.recognition` of another process that recognised the same controller. The
+        controller is then compared with it, in place of what a sound chamber shows: a sensor
+        that has failed since does not matter, anything that differs does.
+
+    Returns
+    -------
+    Chamber
+
+    Raises
+    ------
+    ValueError
+        If the URL is none that leads to a Modbus controller.
+    """
+    return _DRIVERS[config.model](config, permit=permit, recognition=recognition)

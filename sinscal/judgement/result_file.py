@@ -1,0 +1,237 @@
+"""The result of a rig calibration as a file: all that is needed to apply, trust and trace it.
+
+JSON. Values are SI in the order of `names`; `result_id` is a digest of the content.
+"""
+
+import hashlib
+import json
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self, TypeVar
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from errormodel.arrays import FloatArray
+from errormodel.errors import InputError
+from errormodel.io.toml import check, read_text
+from sinscal.calibration.observability import GAUGE
+from sinscal.judgement.judge import Judged
+from sinscal.judgement.result_content import MOUNT, result_content, rig_estimates
+from sinscal.model.larger_model import BiasDrift, BiasStep
+from sinscal.model.priors import group_of
+from sinscal.model.sensors import SensorModel, sensor_model
+from sinscal.model.terms import BASIC
+from sinscal.recording.run import NavRun, RigRun
+
+FORMAT = "accelbench-rig-calibration"
+VERSION = 1
+FORMULA = (
+    "measured = true + error: ω′ = (I + Θ)·ω + ν⁰ + G·f + Θ±·|ω| + νT·x, "
+    "f′ = (I + Γ)·f + Δf⁰ + K2·f² + lever(ω, dω/dt) + (ΔfT + ΓT·f)·x, x = T − t_ref_c; what is "
+    "not among names is 0. To correct readings solve for ω and f: ω ← ω′ − error(ω, f), "
+    "f ← f′ − error(ω, f), from ω′ and f′, until nothing changes (four times)"
+)
+SIGNS = (
+    "gyro_scale_a is Θaa, gyro_misalignment_ab is Θab: what a rate about b adds to gyro a; "
+    "accel_misalignment_ab is Γab likewise; lever_arm_a_b is component b of accelerometer a's "
+    "sensing mass from the centre of rotation, it adds ([dω/dt ×] + [ω ×]²)·r; specific force at "
+    "rest points up; the platform's axes are those of exp(rig_mount ×)·body; the angle in the row "
+    "of time t is the platform's at t + rig_time_offset"
+)
+AXES_TEXT = (
+    "the accelerometers define the body frame: z is along accelerometer z's sensitive axis, "
+    "y lies in the plane of accelerometers y and z (Γ is lower triangular); right-handed; "
+    "east-north-up outside"
+)
+UNITS = "SI: rad, rad/s, m/s², m, s; scale errors are ratios, misalignments rad"
+
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Sigma = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class ParameterValue(_Part):
+    """One estimate."""
+
+    value: Finite
+    sigma: Sigma
+    unit: str
+
+
+class PriorValue(_Part):
+    """What was known of it beforehand."""
+
+    mean: Finite
+    sigma: Sigma
+
+
+class RunFacts(_Part):
+    """The run it was made of."""
+
+    source: str
+    digest: str
+    rows: int
+    cycles: int
+    latitude_deg: Finite
+    height_m: Finite
+
+
+class ResultContent(_Part):
+    """What the results of `rig calibrate` and of `combine` share: all keys of the former."""
+
+    format: Literal["accelbench-rig-calibration", "accelbench-combined-calibration"] = FORMAT
+    format_version: Literal[1] = VERSION
+    result_id: str = ""
+    software: str
+    mode: str
+    groups: tuple[str, ...]
+    t_ref_c: Finite
+    gravity_m_s2: Finite
+    parameters: dict[str, ParameterValue]
+    names: tuple[str, ...]
+    covariance: tuple[tuple[Finite, ...], ...]
+    prior: dict[str, PriorValue]
+    formula: str = FORMULA
+    signs: str = SIGNS
+    axes: str = AXES_TEXT
+    units: str = UNITS
+    gauge: str = GAUGE
+    noise: dict[str, float | None]
+    run: RunFacts
+    iterations: int
+    converged: bool
+    north: tuple[dict[str, float], ...] = ()
+    consistency: dict[str, Any]
+    observability: dict[str, Any]
+    refused: dict[str, Any]
+    protection: dict[str, Any] | None = None
+    drift: tuple[dict[str, Any], ...] = ()
+    not_tested: tuple[str, ...] = ()
+    warnings: tuple[str, ...]
+
+    @model_validator(mode="after")
+    def _whole(self) -> Self:
+        p = len(self.names)
+        if tuple(self.parameters) != self.names:
+            raise ValueError("names must be those of parameters, in their order")
+        if len(self.covariance) != p or any(len(row) != p for row in self.covariance):
+            raise ValueError(f"covariance must have {p} rows of {p} numbers")
+        return self
+
+
+class RigResult(ResultContent):
+    """RESULT.json of `accelbench rig calibrate`."""
+
+    steps: tuple[BiasStep, ...] = ()
+    drifts: tuple[BiasDrift, ...] = ()
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        if self.format != FORMAT:
+            raise ValueError(f"format must be {FORMAT}")
+        try:
+            known = self.sensors.names
+        except KeyError as err:
+            raise ValueError(str(err.args[0])) from None
+        own = tuple(n for n in self.names if not n.startswith(MOUNT))
+        if own != known:
+            raise ValueError("names must be those of groups, in the order of the sensor model")
+        return self
+
+    @property
+    def sensors(self) -> SensorModel:
+        """The sensor model the values belong to."""
+        return sensor_model(
+            self.groups,
+            more=[one.maker for one in (*self.steps, *self.drifts)],
+            t_ref_c=self.t_ref_c,
+            gravity_m_s2=self.gravity_m_s2,
+        )
+
+    @property
+    def values(self) -> FloatArray:
+        """Estimates in the order of the sensor model, shape (p,)."""
+        return np.array([self.parameters[n].value for n in self.sensors.names])
+
+
+R = TypeVar("R", bound=ResultContent)
+
+
+def make_result(judged: Judged, run: RigRun | NavRun) -> RigResult:
+    """Make the result file of a calibration."""
+    found = judged.found
+    content = result_content(judged, run, rig_estimates(found))
+    return signed(
+        RigResult(groups=_groups(found.sensors), steps=judged.steps, drifts=judged.terms, **content)
+    )
+
+
+def signed(result: R) -> R:
+    """Return a result with the digest of its content."""
+    return result.model_copy(update={"result_id": result_digest(result)})
+
+
+def result_digest(result: ResultContent) -> str:
+    """Return the digest of a result's content."""
+    content = result.model_dump(mode="json", exclude={"result_id"})
+    # files made before these were known keep their digest
+    for later in ("protection", "drift", "drifts", "not_tested"):
+        if not content.get(later):
+            content.pop(later, None)
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def dump_result(result: ResultContent) -> str:
+    """Return the text of RESULT.json."""
+    return json.dumps(result.model_dump(mode="json"), ensure_ascii=False, indent=1) + "\n"
+
+
+def read_result(path: Path | str) -> RigResult:
+    """Read RESULT.json of a rig calibration.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, a key is wrong, or it was changed by hand.
+    """
+    return checked_result(read_json(path), RigResult, path)
+
+
+def read_json(path: Path | str) -> Any:
+    """Read a JSON file.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read or is no JSON.
+    """
+    try:
+        return json.loads(read_text(path))
+    except (ValueError, RecursionError) as err:
+        raise InputError(path, "", f"not JSON: {err}") from None
+
+
+def checked_result(data: Any, kind: type[R], path: Path | str) -> R:
+    """Return what was read as a result of some kind.
+
+    Raises
+    ------
+    InputError
+        If a key is wrong, or it was changed by hand.
+    """
+    result = check(data, kind, path)
+    if result_digest(result) != result.result_id:
+        raise InputError(path, "result_id", "does not fit the content: the file was changed")
+    return result
+
+
+def _groups(sensors: SensorModel) -> tuple[str, ...]:
+    """Return a model's groups in an order that gives its names' order again.
+
+    Accelerometer x has no misalignment: what is added after the basic groups would come before it.
+    """
+    there = dict.fromkeys(group_of(n) for n in sensors.names)
+    return tuple(dict.fromkeys([*(g for g in BASIC if g in there), *there]))

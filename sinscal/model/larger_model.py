@@ -1,0 +1,144 @@
+"""The larger rig model as a file: what `discrepancy rig` adds, for the rig filter to take as it is.
+
+TOML. `groups` and `steps` are what the filter is to estimate in addition; `effects` tells what was
+found of them, for people: a filter that started from it would use the same data twice.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from errormodel.errors import InputError
+from errormodel.io.toml import read_toml
+from sinscal.model.terms import GROUPS, Kind, Maker, bias_drift, bias_step
+from sinscal.recording.run import NavRun, RigRun
+
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+# Groups and effects of the platform's angle: without it there is nothing to see them in.
+NEED_ANGLE = "rig_"
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class BiasStep(_Part):
+    """A jump of the constant errors of the gyros or the accelerometers, s from the run's start."""
+
+    kind: Literal["gyro", "accel"]
+    at_s: Annotated[float, Field(ge=0, allow_inf_nan=False)]
+
+    @property
+    def maker(self) -> Maker:
+        """What makes its terms."""
+        kind: Kind = self.kind
+        return bias_step(kind, self.at_s)
+
+
+class BiasDrift(_Part):
+    """A drift of the constant errors over a run of `span_s`: even, or fading with `tau_s`."""
+
+    kind: Literal["gyro", "accel"]
+    tau_s: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
+    span_s: Annotated[float, Field(gt=0, allow_inf_nan=False)]
+
+    @property
+    def maker(self) -> Maker:
+        """What makes its terms."""
+        kind: Kind = self.kind
+        return bias_drift(kind, math.inf if self.tau_s is None else self.tau_s, self.span_s)
+
+
+class FoundValue(_Part):
+    """What was found of one parameter; SI."""
+
+    value: Finite
+    sigma: Annotated[float, Field(ge=0, allow_inf_nan=False)]
+    unit: str
+
+
+class RigModelFile(_Part):
+    """MODEL.toml of a rig: what is estimated beside the basic errors.
+
+    Attributes
+    ----------
+    mode : {"coarse", "precise"}
+        Without the rig's angle, or with it.
+    t_ref_c : float
+        Reference temperature of all terms.
+    groups : tuple of str
+        Of `sinscal.model.terms.GROUPS`.
+    mount : bool
+        Whether the mounting on the platform is among them; `rig calibrate` has it in any case.
+    steps : tuple of BiasStep
+        One of each kind at most.
+    effects : dict
+        Effect to parameter to what was found.
+    """
+
+    mode: Literal["coarse", "precise"] = "coarse"
+    t_ref_c: Finite = 25.0
+    groups: tuple[str, ...] = ()
+    mount: bool = False
+    steps: tuple[BiasStep, ...] = ()
+    effects: dict[str, dict[str, FoundValue]] = {}
+
+    @model_validator(mode="after")
+    def _possible(self) -> "RigModelFile":
+        for name in self.groups:
+            if name not in GROUPS:
+                raise ValueError(f"no group {name!r}; known: {', '.join(GROUPS)}")
+        if len({s.kind for s in self.steps}) < len(self.steps):
+            raise ValueError("expected one step of each kind of sensor at most")
+        named = [*self.groups, *self.effects, *(["rig_mount"] if self.mount else [])]
+        angle = [n for n in named if n.startswith(NEED_ANGLE)]
+        if self.mode == "coarse" and angle:
+            raise ValueError(f"{angle[0]} shows in the rig's angle: expected mode 'precise'")
+        return self
+
+
+def check_needs(groups: Sequence[str], run: RigRun | NavRun, mode: str) -> None:
+    """Check that a run and a mode have what groups of terms need to show.
+
+    Raises
+    ------
+    InputError
+        If they do not.
+    """
+    angle = [g for g in groups if g.startswith(NEED_ANGLE)]
+    if angle and mode != "precise":
+        raise InputError(run.source, "mode", f"{angle[0]} needs the rig's angle: expected precise")
+    warm = [g for g in groups if "temperature" in g]
+    if warm and run.temp_c is None:
+        raise InputError(run.source, "temp_c", f"missing; {warm[0]} needs temperatures")
+
+
+def read_rig_model(path: Path | str) -> RigModelFile:
+    """Read MODEL.toml.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read or a key is not what it should be.
+    """
+    return read_toml(path, RigModelFile)
+
+
+def rig_model_toml(model: RigModelFile, sentences: Mapping[str, str]) -> str:
+    """Return the text of MODEL.toml, each effect under its sentence."""
+    groups = ", ".join(f'"{g}"' for g in model.groups)
+    lines = [f'mode = "{model.mode}"', f"t_ref_c = {model.t_ref_c!r}", f"groups = [{groups}]"]
+    if model.mount:
+        lines.append("mount = true")
+    for step in model.steps:
+        lines += ["", "[[steps]]", f'kind = "{step.kind}"', f"at_s = {step.at_s!r}"]
+    for name, parameters in model.effects.items():
+        lines += ["", f"# {sentences[name]}", f"[effects.{name}]"]
+        lines += [
+            f'{n} = {{ value = {p.value!r}, sigma = {p.sigma!r}, unit = "{p.unit}" }}'
+            for n, p in parameters.items()
+        ]
+    return "\n".join(lines) + "\n"

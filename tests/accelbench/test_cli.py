@@ -1,0 +1,145 @@
+import json
+import subprocess
+import sys
+
+import click
+import pytest
+
+from accelbench import cli
+from accelbench.cli import COMMANDS, main
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_takes_json_and_explains_itself(call, command):
+    done = call(command, "--help")
+    assert done.code == 0
+    assert "--json" in done.out
+    assert done.err == ""
+
+
+def test_help_lists_every_command_without_importing_it():
+    done = subprocess.run(
+        [
+            sys.executable,
+            "-c",
+            "import sys; from accelbench.cli import main; main(['--help']);"
+            "sys.exit('pandas' in sys.modules)",
+        ],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0
+    assert all(f"  {name} " in done.stdout for name in COMMANDS)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["nonsense"], "nonsense"),
+        (["fit"], "RUN.csv"),
+        (["fit", "a.csv", "--nonsense"], "--nonsense"),
+        (["compensate", "a.csv", "--out", "b.csv"], "--model"),
+        (["run"], "SEQUENCE.toml"),
+        (["run", "a.toml", "--speed", "0"], "--speed"),
+        (["emulate", "a.toml", "--speed", "fast"], "fast"),
+        (["import", "log.txt"], "--map"),
+        (["export"], "ID"),
+    ],
+)
+def test_misuse_is_one_line_and_exit_code_2(refused, arguments, said):
+    assert said in refused(*arguments)
+
+
+def test_no_command_at_all_shows_the_help(call):
+    done = call()
+    assert done.code == 2
+    assert "Usage" in done.out
+    assert done.err.count("\n") == 1
+
+
+@pytest.mark.parametrize("command", ["fit", "compensate", "import", "run", "emulate", "runs"])
+def test_a_file_that_is_not_there_is_named(refused, tmp_path, command):
+    missing = tmp_path / "missing.csv"
+    options = {
+        "compensate": ["--model", tmp_path / "m.json", "--out", tmp_path / "o.csv"],
+        "import": ["--map", tmp_path / "m.toml", "--out", tmp_path / "o.csv"],
+    }
+    arguments = ["--store", missing] if command == "runs" else [missing]
+    said = refused(command, *arguments, *options.get(command, []))
+    assert str(tmp_path) in said
+
+
+def test_what_goes_wrong_inside_is_one_line_and_shown_in_full_when_asked(
+    call, monkeypatch, two_runs
+):
+    def broken(*_args: object, **_kwargs: object) -> None:
+        raise ZeroDivisionError("a test\nof two lines")
+
+    monkeypatch.setattr("accelbench.fit.command.fit_runs", broken)
+    done = call("fit", two_runs)
+    assert done.code == 2
+    assert done.err.count("\n") == 1
+    assert "error of the program: ZeroDivisionError: a test of two lines" in done.err
+    monkeypatch.setenv("ACCELBENCH_TRACEBACK", "1")
+    with pytest.raises(ZeroDivisionError):
+        main(["fit", str(two_runs)])
+
+
+@pytest.mark.parametrize(
+    ("raised", "code"), [(KeyboardInterrupt(), 1), (OSError(28, "No space left", "x.csv"), 2)]
+)
+def test_other_ends(call, monkeypatch, two_runs, raised, code):
+    def ends(*_args: object, **_kwargs: object) -> None:
+        raise raised
+
+    monkeypatch.setattr("accelbench.fit.command.fit_runs", ends)
+    done = call("fit", two_runs)
+    assert done.code == code
+    said = [line for line in done.err.splitlines() if not line.startswith("accelbench: warning")]
+    assert len(said) == 1
+
+
+def test_warnings_come_after_a_success_and_not_beside_an_error(call, two_runs):
+    header, rest = two_runs.read_text().split("\n", 1)
+    two_runs.write_text(header + ",humidity\n" + rest.replace("\n", ",40\n"))
+    done = call("fit", two_runs, "--json")
+    assert done.code == 0
+    assert "humidity" in done.err
+    assert json.loads(done.out)
+    assert call("fit", two_runs, "--holdout", "nobody").err.count("\n") == 1
+
+
+def test_a_pipe_that_breaks_inside_is_no_reader_that_left(call, monkeypatch, two_runs):
+    """What becomes of a standard stream's reader is in test_display.py and test_terminal.py."""
+
+    def broken(*_args: object, **_kwargs: object) -> None:
+        raise BrokenPipeError(32, "Broken pipe")
+
+    monkeypatch.setattr("accelbench.fit.command.read_with_doubts", broken)
+    done = call("fit", two_runs)
+    assert (done.code, done.err) == (2, "accelbench: pipe: Broken pipe\n")
+
+
+def test_the_program_itself_runs_and_gives_its_exit_code(two_runs):
+    program = [
+        sys.executable,
+        "-c",
+        "import sys; from accelbench.cli import main; sys.exit(main())",
+    ]
+    good = subprocess.run(
+        [*program, "fit", str(two_runs), "--json"], capture_output=True, text=True, check=False
+    )
+    assert good.returncode == 0
+    assert len(json.loads(good.stdout)["accelerometers"]) == 2
+    bad = subprocess.run([*program, "nonsense"], capture_output=True, text=True, check=False)
+    assert (bad.returncode, bad.stdout) == (2, "")
+    assert bad.stderr.count("\n") == 1
+
+
+def test_the_table_of_commands_is_true():
+    context = click.Context(cli.accelbench)
+    for name in COMMANDS:
+        command = cli.accelbench.get_command(context, name)
+        assert command is not None
+        assert command.name == name

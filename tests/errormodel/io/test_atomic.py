@@ -1,0 +1,46 @@
+from pathlib import Path
+
+import pytest
+
+from errormodel.errors import InputError
+from errormodel.io.atomic import write_files, written_together
+
+
+def names(folder: Path) -> list[str]:
+    return sorted(p.name for p in folder.iterdir())
+
+
+def test_files_appear_together(tmp_path):
+    write_files([(tmp_path / "a/x", b"1"), (tmp_path / "b/y", b"2")])
+    assert (tmp_path / "a/x").read_bytes() == b"1"
+    assert (tmp_path / "b/y").read_bytes() == b"2"
+    assert names(tmp_path / "a") == ["x"]
+
+
+@pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt, OSError])
+def test_nothing_is_left_when_writing_fails_in_the_middle(tmp_path, error):
+    (tmp_path / "x").write_bytes(b"old")
+
+    def fail() -> None:
+        with written_together([tmp_path / "x", tmp_path / "y"]) as (x, _):
+            x.write_bytes(b"new")
+            raise error("in the middle")
+
+    with pytest.raises(InputError if error is OSError else error):
+        fail()
+    assert names(tmp_path) == ["x"]
+    assert (tmp_path / "x").read_bytes() == b"old"
+
+
+def test_the_complaint_names_the_file_meant_and_not_the_draft(tmp_path):
+    with (
+        pytest.raises(InputError, match=r"nowhere/x: cannot be written: No such file"),
+        written_together([tmp_path / "nowhere/x"]) as (draft,),
+    ):
+        draft.write_bytes(b"1")
+
+
+def test_a_folder_that_cannot_be_made_is_named(tmp_path):
+    (tmp_path / "file").write_text("mine")
+    with pytest.raises(InputError, match="file: cannot be made"):
+        write_files([(tmp_path / "file/x", b"1")])

@@ -1,0 +1,67 @@
+"""What noise alone leaves on a run that was not fitted, for the gap to be measured against.
+
+The scale is the data's own: what is left in these runs beside everything that repeats. The noise
+found only says how much of itself such a rich mean takes away, and how much more a prediction
+carries (the error of the coefficients, the drift of the run predicted).
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from errormodel.arrays import FloatArray
+from errormodel.discrepancy.floor import NoiseFloor
+from errormodel.discrepancy.problem import independent
+from thermo.discrepancy.held_out import reading_residual_ug
+from thermo.discrepancy.source import Fitted, ThermalSource
+from thermo.library.passing import foreseen
+
+DRAWS = 80
+
+
+def floor_ug(
+    source: ThermalSource, after: Fitted, floor: NoiseFloor, saturated: FloatArray
+) -> float:
+    """Return the rms over readings that noise alone would leave on a held-out run, µg.
+
+    Parameters
+    ----------
+    source : ThermalSource
+    after : Fitted
+        The model with the effects found.
+    floor : NoiseFloor
+    saturated : ndarray, shape (b, m)
+        Everything that repeats, block means.
+    """
+    blocks = source.blocks
+    weights: FloatArray = blocks.counts / float(np.sum(blocks.counts))
+    mean = independent(np.hstack([saturated, after.jacobian]), 1e-5)
+    # where a walk that goes on through the rests had got to is no part of a run's own noise
+    shape = replace(floor.shape, continued=False)
+    white: FloatArray = np.random.default_rng(1).standard_normal((weights.size, DRAWS))
+    noise: FloatArray = shape.whitener(blocks.times).colour(white)
+    left = after.residual - mean @ (mean.T @ after.residual)
+    noise_left = noise - mean @ (mean.T @ noise)
+    scale2 = float(weights @ left**2) / float(np.mean(weights @ noise_left**2))
+    predicted = _predicted(source, after, noise)
+    within, dof = blocks.spread(reading_residual_ug(source.channel, after))
+    within2 = within**2 * dof / float(np.sum(blocks.counts))
+    return float(np.sqrt(scale2 * np.mean(weights @ predicted**2) + within2))
+
+
+def _predicted(source: ThermalSource, after: Fitted, noise: FloatArray) -> FloatArray:
+    """Return the error of predicting each run's noise from the others' fit, or of the fit."""
+    coefficients = {c.name for t in after.model.terms if foreseen(t) for c in t.coefficients}
+    coefficients |= {p.name for t in after.model.terms if foreseen(t) for p in t.parameters}
+    kept = [k for k, name in enumerate(after.free) if name in coefficients]
+    columns = after.jacobian[:, kept]
+    norms = np.linalg.norm(columns, axis=0)
+    columns = columns / np.where(norms > 0, norms, 1.0)
+    if source.seen.runs < 2:
+        return noise - columns @ np.linalg.lstsq(columns, noise, rcond=1e-9)[0]
+    out = np.empty_like(noise)
+    for run in range(source.seen.runs):
+        mine = source.seen.run == run
+        fitted = np.linalg.lstsq(columns[~mine], noise[~mine], rcond=1e-9)[0]
+        out[mine] = noise[mine] - columns[mine] @ fitted
+    return out

@@ -1,0 +1,88 @@
+"""Which missing effects a planned test could show, and which it could not tell apart."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from errormodel.discrepancy.foresight import SAME, foresee
+from errormodel.discrepancy.scan import View
+from errormodel.noise.shapes import drifting
+from thermo.discrepancy.baseline import bare_baseline
+from thermo.discrepancy.source import ThermalSource
+from thermo.library.effects import EFFECTS, ThermalEffect
+from thermo.library.passing import MAX_RUNS
+from thermo.planning.foresight import planned_channel
+from thermo.planning.plan import RunPlan
+from thermo.station.live import ASSUMED_NOISE
+from thermo.twin.planted import plain_accelerometer
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EffectsForeseen:
+    """What `discrepancy` could say of a planned test.
+
+    Attributes
+    ----------
+    invisible : tuple of str
+        Effects that the runs cannot show, whatever their size.
+    alike : tuple of (str, str)
+        Pairs of which the one imitates the other to 98 %.
+    """
+
+    invisible: tuple[str, ...]
+    alike: tuple[tuple[str, str], ...]
+
+    def lines(self) -> tuple[str, ...]:
+        """Return the foresight as plain lines for `--dry-run`."""
+        lines: list[str] = []
+        if self.invisible:
+            lines.append(f"Missing effects it cannot show at all: {', '.join(self.invisible)}.")
+        lines += [f"Missing effects it hardly tells apart: {a} ~ {b}." for a, b in self.alike]
+        return tuple(lines) or ("Every missing effect of the library would show in it.",)
+
+
+def foresee_effects(
+    runs: Sequence[RunPlan],
+    *,
+    t_ref_c: float = 25.0,
+    mount_deg: float = 0.0,
+    effects: Sequence[ThermalEffect] = EFFECTS,
+) -> EffectsForeseen:
+    """Foresee which effects the runs will show beside bias and scale factor over temperature.
+
+    Parameters
+    ----------
+    runs : sequence of RunPlan
+        The runs that will be searched together; the first twelve of more, the most there can be.
+    t_ref_c : float
+        Reference temperature, °C.
+    mount_deg : float
+        How far the accelerometer is mounted turned on the head, °.
+    effects : sequence of ThermalEffect
+        The library.
+    """
+    channel = planned_channel(runs[:MAX_RUNS], t_ref_c, mount_deg)
+    model = bare_baseline(channel)
+    # a lag shows only in what depends on temperature: the emulated type's coefficients
+    usual = plain_accelerometer(channel.serial).values
+    values = {n: usual[n] for n in model.names}
+    record = replace(channel.record, output=model.simulate(channel.record, values))
+    source = ThermalSource(replace(channel, record=record), model, effects)
+    per_block = source.blocks.usual
+    drift2 = per_block * (ASSUMED_NOISE.drift / ASSUMED_NOISE.white) ** 2
+    shape = drifting(drift2, ASSUMED_NOISE.drift_tau_s)
+    view = View(source.outline(shape), shape, 1e6 * ASSUMED_NOISE.white / float(np.sqrt(per_block)))
+    found = foresee(view, view.problem.candidates)
+    names = [n for n in found.names if n not in found.invisible]
+    both = np.minimum(found.imitated, found.imitated.T)
+    at = [found.names.index(n) for n in names]
+    return EffectsForeseen(
+        invisible=tuple(e.name for e in effects if e.name not in names),
+        alike=tuple(
+            (names[i], names[j])
+            for i in range(len(names))
+            for j in range(i + 1, len(names))
+            if both[at[i], at[j]] > SAME
+        ),
+    )

@@ -1,0 +1,247 @@
+"""What several accelerometers shared is alike in all of them; what differs is each one's own.
+
+An error of the head, the chamber or the digitiser has the same coefficients in every accelerometer
+that was on it in the same runs. It is fitted beside everything else that was found, once with
+coefficients of each accelerometer's own and once with common ones; the chi-square that the common
+ones lose tells whether they are alike.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+from errormodel.arrays import FloatArray
+from errormodel.discrepancy.choices import Choice, SearchResult
+from errormodel.discrepancy.problem import Candidate, Theta, columns_of
+from errormodel.discrepancy.ranking import residual_of
+from errormodel.discrepancy.scan import NOTHING, Prepared, View
+from errormodel.discrepancy.search import Search
+from thermo.discrepancy.source import ThermalSource
+from thermo.library.effects import Cause, ThermalEffect
+
+# Sizes that are alike are taken for unlike once in a thousand times.
+ALPHA = 1e-3
+# A step's instant is found to some three block means.
+INSTANT_BLOCKS = 3.0
+COMMON: frozenset[Cause] = frozenset({"head", "chamber", "digitiser"})
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Searched:
+    """One accelerometer's search, before its verdict."""
+
+    source: ThermalSource
+    search: Search
+    result: SearchResult
+
+    @property
+    def serial(self) -> str:
+        """Serial number."""
+        return self.source.channel.serial
+
+    @property
+    def named(self) -> frozenset[str]:
+        """Effects found, and those that could not be told from them."""
+        return frozenset(n for s in self.result.slots for n in (s.choice.name, *s.alias))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SharedEffect:
+    """A cause that several accelerometers shared.
+
+    Attributes
+    ----------
+    effect : str
+    serials : tuple of str
+        The accelerometers that show it.
+    owner : str
+        Whose it is: head, chamber, digitiser, or the run in which it happened.
+    """
+
+    effect: str
+    serials: tuple[str, ...]
+    owner: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Unlike:
+    """A shared owner's effect that is not alike in the accelerometers that shared the owner.
+
+    `excess` is the chi-square that common coefficients lose, `freedom` the number of coefficients
+    that they have fewer.
+    """
+
+    effect: str
+    serials: tuple[str, ...]
+    owner: str
+    excess: float
+    freedom: int
+
+    @property
+    def sentence(self) -> str:
+        """Why it is no name."""
+        return (
+            f"{self.effect} is left out: it is the {self.owner}'s, which {', '.join(self.serials)} "
+            f"shared, and would be alike in all of them; it is not (chi-square {self.excess:.0f} "
+            f"for {self.freedom} coefficients)."
+        )
+
+
+def together(of: Searched, every: Sequence[Searched]) -> tuple[Searched, ...]:
+    """Return the accelerometers that were in runs of one, itself among them."""
+    runs = set(of.source.channel.run_ids)
+    return tuple(s for s in every if runs & set(s.source.channel.run_ids))
+
+
+def unlike_effects(of: Searched, every: Sequence[Searched]) -> tuple[Unlike, ...]:
+    """Return the effects found in an accelerometer that its neighbours in the same runs refute.
+
+    An effect whose sizes are unlike is refuted, unless beside the terms that each accelerometer may
+    have of its own it is alike, and needed as much as a further effect must be.
+    """
+    group = together(of, every)
+    if len(group) < 2:
+        return ()
+    known = {e.name: e for e in of.source.effects}
+    refuted: list[Unlike] = []
+    for effect in (known[n] for n in sorted(of.named) if known[n].cause in COMMON):
+        first = _compared(effect, group, beside_equation=False)
+        if first.alike:
+            continue
+        second = _compared(effect, group, beside_equation=True)
+        if not (second.alike and second.common > of.search.rules.further):
+            refuted.append(first.told(effect, group))
+    return tuple(refuted)
+
+
+def shared_effects(every: Sequence[Searched]) -> tuple[SharedEffect, ...]:
+    """Return the causes that several accelerometers shared, each once.
+
+    Those of the head, the chamber and the digitiser that `unlike_effects` has left, and what
+    happened in several accelerometers at one moment of the same run.
+    """
+    found: dict[tuple[str, frozenset[str]], SharedEffect] = {}
+    for of in every:
+        for effect in of.source.effects:
+            showing = [s for s in together(of, every) if effect.name in s.named]
+            if effect.cause == "run":
+                showing = [s for s in showing if _at_one_moment(effect.name, of, s)]
+            elif effect.cause not in COMMON:
+                continue
+            if of in showing and len(showing) > 1:
+                serials = tuple(s.serial for s in showing)
+                one = SharedEffect(effect=effect.name, serials=serials, owner=effect.cause)
+                found.setdefault((effect.name, frozenset(serials)), one)
+    return tuple(found.values())
+
+
+def _at_one_moment(name: str, one: Searched, other: Searched) -> bool:
+    """Tell whether an event that both show has the same instant, where it has one."""
+    thetas = [
+        next((s.choice.theta for s in x.result.slots if s.choice.name == name), None)
+        for x in (one, other)
+    ]
+    if thetas[0] is None or thetas[1] is None:
+        return False
+    near_h = INSTANT_BLOCKS * one.source.blocks.times.step_s / 3600.0
+    return all(abs(a - b) <= near_h for a, b in zip(thetas[0], thetas[1], strict=True))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Comparison:
+    """Chi-square that an effect explains with common coefficients, and what they lose."""
+
+    common: float
+    excess: float
+    freedom: int
+
+    @property
+    def alike(self) -> bool:
+        return self.freedom < 1 or float(stats.chi2.sf(self.excess, self.freedom)) > ALPHA
+
+    def told(self, effect: ThermalEffect, group: Sequence[Searched]) -> Unlike:
+        return Unlike(
+            effect=effect.name,
+            serials=tuple(s.serial for s in group),
+            owner=effect.cause,
+            excess=self.excess,
+            freedom=self.freedom,
+        )
+
+
+def _compared(
+    effect: ThermalEffect, group: Sequence[Searched], *, beside_equation: bool
+) -> _Comparison:
+    """Fit an effect with common coefficients and with each accelerometer's own."""
+    views = [_beside(effect.name, s, equation=beside_equation) for s in group]
+    found = [(v, c) for v in views if (c := _supplest(effect.name, v)) is not None]
+    theta = _where_clearest(found)
+    parts = [_Normal.of(view, columns_of(c.signature(theta))) for view, c in found]
+    gains = [p.gain() for p in parts]
+    common, rank = _Normal.of_all(parts).gain()
+    return _Comparison(
+        common=common,
+        excess=sum(g for g, _ in gains) - common,
+        freedom=sum(r for _, r in gains) - rank,
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Normal:
+    """Normal equations of an effect beside everything else; `lengths2` of its columns alone."""
+
+    matrix: FloatArray
+    right: FloatArray
+    lengths2: FloatArray
+
+    @classmethod
+    def of(cls, view: View, columns: FloatArray) -> "_Normal":
+        white = view.white(columns)
+        beside = view.beside_base(white)
+        return cls(beside.T @ beside, beside.T @ residual_of(view), np.sum(white**2, axis=0))
+
+    @classmethod
+    def of_all(cls, parts: Sequence["_Normal"]) -> "_Normal":
+        return cls(
+            np.sum([p.matrix for p in parts], axis=0),
+            np.sum([p.right for p in parts], axis=0),
+            np.sum([p.lengths2 for p in parts], axis=0),
+        )
+
+    def gain(self) -> tuple[float, int]:
+        """Return the chi-square that the columns explain, and in how many directions.
+
+        What is next to nothing of a column, beside the others, tells nothing.
+        """
+        scale = np.sqrt(np.where(self.lengths2 > 0.0, self.lengths2, 1.0))
+        values, vectors = np.linalg.eigh(self.matrix / np.outer(scale, scale))
+        kept = values > NOTHING**2
+        along = vectors[:, kept].T @ (self.right / scale)
+        return float(np.sum(along**2 / values[kept])), int(np.count_nonzero(kept))
+
+
+def _beside(name: str, of: Searched, *, equation: bool) -> View:
+    """Return an accelerometer's view of an effect, beside what was found in other places.
+
+    With `equation`, beside every term of the equation that the present model lacks as well.
+    """
+    others = [s.choice for s in of.result.slots if name not in (s.choice.name, *s.alias)]
+    if equation:
+        held = {c.name for c in others}
+        joint = [c for c in of.search.view(others).problem.candidates if c.joint]
+        others += [Choice(c.name, c.grid[0]) for c in joint if c.name not in held]
+    return of.search.view(others)
+
+
+def _supplest(name: str, view: View) -> Candidate | None:
+    """Return the richest form of an effect; None where the runs do not give its input."""
+    found = next((c for c in view.problem.candidates if c.name == name), None)
+    return found and (found.richer or found)
+
+
+def _where_clearest(found: Sequence[tuple[View, Candidate]]) -> Theta:
+    """Return the nonlinear parameters of the accelerometer that shows the effect most."""
+    every = [f for view, candidate in found for f in Prepared(view, [candidate]).scan()]
+    return max(every, key=lambda f: f.gain).theta

@@ -1,0 +1,94 @@
+"""What a test writes down: first the store, then the observers, in that order always."""
+
+import json
+import logging
+import os
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from drivers.clock import Clock
+from thermo.station.outcome import Event, Observers, Progress
+from thermo.store.store import ReadingRow, Store
+
+log = logging.getLogger(__name__)
+
+SCHEDULE = "schedule"  # the kind of the events that `thermo.station.resume_point` goes by
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ScheduleMark:
+    """Where a run's schedule stands on its clock; written whenever that changes.
+
+    A plan's time p is due at ``start_clock_s + shift_s + p`` on the clock `clock`; `segment` and
+    `attempt` are what is to be read next.
+    """
+
+    start_clock_s: float
+    shift_s: float
+    segment: int
+    attempt: int
+    clock: str
+
+
+def clock_identity(clock: Clock) -> str:
+    """Name a clock's time base: two clocks of one name agree on the time, in any process."""
+    speed = getattr(clock, "speed", None)
+    if speed is None:  # it lives in this object and nowhere else
+        return f"{type(clock).__name__} {os.getpid()}.{id(clock)}"
+    try:
+        boot = Path("/proc/sys/kernel/random/boot_id").read_text(encoding="ascii").strip()
+    except OSError:
+        boot = f"process {os.getpid()}"
+    return f"monotonic × {speed:g} since {boot}"
+
+
+class Journal:
+    """Writes one test's readings and events."""
+
+    def __init__(self, store: Store, test_id: str, observers: Observers, clock: Clock) -> None:
+        self.store = store
+        self.test_id = test_id
+        self.run = 0
+        self.start_s = clock.now_s()
+        self.readings = self.flagged = self.skipped = 0
+        self.complaints: list[str] = []  # why the test is not to be trusted as it is
+        self._observers = observers
+        self._clock = clock
+
+    def rows(self, rows: Sequence[ReadingRow]) -> None:
+        """Store one scan durably, then show it."""
+        self.store.append(self.test_id, self.run, rows)
+        self.readings += len(rows)
+        self.flagged += sum(1 for row in rows if row.flag)
+        self._observers.tell(lambda observer: observer.on_reading(self.run, rows))
+
+    def event(self, kind: str, text: str) -> None:
+        """Store an event, then show it."""
+        time_s = self._clock.now_s() - self.start_s
+        log.info("%s: %s", kind, text)
+        self.store.log_event(self.test_id, self.run or None, time_s, kind, text)
+        event = Event(run=self.run, time_s=time_s, kind=kind, text=text)
+        self._observers.tell(lambda observer: observer.on_event(event))
+
+    def complain(self, text: str) -> None:
+        """Keep a reason why the test, should it run to its end, is not to be trusted as it is."""
+        if text not in self.complaints:
+            self.complaints.append(text)
+
+    def progress(self, progress: Progress) -> None:
+        """Show how far the test is; nothing is stored but that a display was lost."""
+        self._observers.tell(lambda observer: observer.on_progress(progress))
+        for reason in self._observers.newly_lost():
+            self.event("display lost", f"{reason}; the test goes on without it")
+
+    def schedule(self, *, shift_s: float, segment: int, attempt: int) -> None:
+        """Store where the schedule stands, for a resumption."""
+        mark = ScheduleMark(
+            start_clock_s=self.start_s,
+            shift_s=shift_s,
+            segment=segment,
+            attempt=attempt,
+            clock=clock_identity(self._clock),
+        )
+        self.event(SCHEDULE, json.dumps(asdict(mark)))

@@ -1,0 +1,248 @@
+"""What a chamber test tells its observers, is told by its operator, and comes to.
+
+::
+
+    EndedError            the procedure ends now; caught by `run_test`, never seen above it
+    ├── LimitTrippedError     a reading or an alarm outside what the sequence allows
+    ├── InstrumentLostError   an instrument failed for longer than the sequence allows
+    │   └── ThermistorLostError   an accelerometer's temperature is not known any more
+    └── TestInterruptedError  the operator, a signal
+    InterferedError       the wait for the operator, after a foreign change, is over
+    ChamberOccupiedError  the test cannot begin: somebody else uses the chamber
+"""
+
+import logging
+import threading
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Literal, Protocol, runtime_checkable
+
+from drivers.devices import SafeResult
+from errormodel.errors import WorkbenchError
+from thermo.store.records import ReadingRow
+
+log = logging.getLogger(__name__)
+
+Phase = Literal["approach", "soak", "run", "pause", "resoak", "rest", "clean-up"]
+Status = Literal["finished", "interrupted", "failed"]
+
+
+class EndedError(Exception):
+    """The procedure ends here; the message is the one-line reason."""
+
+    status: Status = "failed"
+
+
+class LimitTrippedError(EndedError):
+    """A reading or an alarm is outside what the sequence allows."""
+
+
+class InstrumentLostError(EndedError):
+    """An instrument failed for longer than the sequence allows."""
+
+
+class ThermistorLostError(InstrumentLostError):
+    """An accelerometer's own temperature is not known any more, so nothing limits it."""
+
+
+class TestInterruptedError(EndedError):
+    """The operator or a signal ended the test; it can be resumed."""
+
+    __test__ = False
+    status: Status = "interrupted"
+
+
+class InterferedError(Exception):
+    """Somebody changed the chamber, the test stood back, and is to bring it back now.
+
+    Parameters
+    ----------
+    began_s : float
+        When the test stood back, s on its clock.
+    """
+
+    def __init__(self, began_s: float) -> None:
+        self.began_s = began_s
+        super().__init__("the chamber was changed by somebody else")
+
+
+class ChamberOccupiedError(WorkbenchError):
+    """The chamber is not free to be taken over; nothing was commanded or stored."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Event:
+    """Something worth keeping with the run; `run` is 0 outside of any."""
+
+    run: int
+    time_s: float
+    kind: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Progress:
+    """Where the test is. `left_s` is the expected rest of the whole test."""
+
+    test_id: str
+    run: int
+    runs: int
+    phase: Phase
+    slot: int
+    slots: int
+    segment: int
+    time_s: float
+    left_s: float
+    commanded_c: float
+    chamber_c: float | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Decision:
+    """Whether a test goes on after a run; `lines` are stored as events of the kind `kind`.
+
+    `reason` is that of the test's end, should it end here.
+    """
+
+    stop: bool = False
+    reason: str = "all runs done"
+    kind: str = "run-in"
+    lines: tuple[str, ...] = ()
+
+
+GO_ON = Decision()
+
+
+class Observer(Protocol):
+    """Somebody who watches a test; what goes wrong in it never stops the test.
+
+    It is called in the test's own thread and returns at once: what may take its time, or wait for
+    anybody, is wrapped in a `thermo.station.detached.DetachedObserver`.
+    """
+
+    def on_reading(self, run: int, rows: Sequence[ReadingRow]) -> None:
+        """See one scan, after it has been stored."""
+        ...
+
+    def on_progress(self, progress: Progress) -> None:
+        """See how far the test is."""
+        ...
+
+    def on_event(self, event: Event) -> None:
+        """See an event, after it has been stored."""
+        ...
+
+
+@runtime_checkable
+class CanBeLost(Protocol):
+    """An observer that shows a test to somebody, and knows when it no longer can."""
+
+    @property
+    def lost(self) -> str:
+        """Why nothing is shown any more; empty as long as it is."""
+        ...
+
+
+class Observers:
+    """Tells every observer; the first failure of each is logged and no more is heard of it."""
+
+    def __init__(self, observers: Sequence[Observer]) -> None:
+        self._observers = tuple(observers)
+        self._failed: set[int] = set()
+        self._displays = [o for o in self._observers if isinstance(o, CanBeLost)]
+
+    def newly_lost(self) -> list[str]:
+        """Return why displays were lost since this was last asked."""
+        lost = [display for display in self._displays if display.lost]
+        self._displays = [display for display in self._displays if display not in lost]
+        return [display.lost for display in lost]
+
+    def tell(self, call: Callable[[Observer], None]) -> None:
+        """Make one call on each observer."""
+        for observer in self._observers:
+            try:
+                call(observer)
+            except Exception:
+                if id(observer) not in self._failed:
+                    self._failed.add(id(observer))
+                    log.warning("an observer failed; the test goes on", exc_info=True)
+
+
+class RunControl:
+    """The operator's hand on a running test; every method may be called from any thread.
+
+    `abort` may be called from a signal handler: it only sets what the procedure looks at between
+    two steps, so that nothing is ever torn.
+    """
+
+    def __init__(self) -> None:
+        self._reason: str | None = None
+        self._paused = threading.Event()
+
+    def pause(self) -> None:
+        """Hold the schedule and the temperature until `resume`."""
+        self._paused.set()
+
+    def resume(self) -> None:
+        """Go on after a pause, by the sequence's rule for gaps."""
+        self._paused.clear()
+
+    def abort(self, reason: str = "aborted by the operator") -> None:
+        """End the test safely; the first reason given is the one that is kept."""
+        if self._reason is None:
+            self._reason = reason
+
+    @property
+    def paused(self) -> bool:
+        """Whether the test is to stand still."""
+        return self._paused.is_set()
+
+    def check(self) -> None:
+        """Raise `TestInterruptedError` when the test is to end."""
+        if self._reason is not None:
+            raise TestInterruptedError(self._reason)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TestOutcome:
+    """What a test came to.
+
+    Attributes
+    ----------
+    test_id : str
+        Empty when it ended before it could be stored.
+    status : str
+        "finished", "interrupted" or "failed"; the latter two can be resumed.
+    reason : str
+        One line.
+    safe : SafeResult
+        What was done to the chamber at the end, and what reading back showed; nothing was where
+        this sitting never commanded it (`safe.commanded` is False).
+    head_stopped : bool
+        Whether the head stands; it was told to stop only if this sitting had sent it anywhere.
+    readings, skipped, flagged : int
+        Stored readings of this session, slots without any, and readings stored with a flag.
+    complaints : tuple of str
+        Why a test that ran to its end is not to be trusted as it is.
+    store_note : str
+        Where readings are that are not in the store (yet), a line; empty: they are all there.
+    """
+
+    __test__ = False  # not a test case, whatever pytest thinks of the name
+
+    test_id: str
+    status: Status
+    reason: str
+    safe: SafeResult
+    head_stopped: bool
+    readings: int = 0
+    skipped: int = 0
+    flagged: int = 0
+    complaints: tuple[str, ...] = ()
+    store_note: str = ""
+
+    @property
+    def clean(self) -> bool:
+        """Whether the test ran to its end without complaint and all was left safe, as verified."""
+        done = self.status == "finished" and not self.complaints
+        return done and self.safe.verified and self.head_stopped

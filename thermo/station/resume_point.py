@@ -1,0 +1,156 @@
+"""Where an interrupted test has to go on, read from its store and nothing else."""
+
+import json
+from collections.abc import Sequence as Many
+from dataclasses import dataclass
+from datetime import UTC, datetime
+
+from drivers.clock import Clock
+from drivers.opening import Station
+from errormodel.errors import StoreError
+from thermo.planning.plan import Plan
+from thermo.station.journal import SCHEDULE, ScheduleMark, clock_identity
+from thermo.store.store import Store
+
+# the kinds of events that tell of a chamber being commanded, and of its being safe
+COMMANDED = frozenset(
+    ("approach", "power off", "segment", "resoak", "gap", "pause", "not safe", "guardian: not safe")
+)
+SAFE = frozenset(("safe", "guardian"))
+NEAR_C = 0.5  # a controller rounds its set points to less
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ResumePoint:
+    """The place in a test where it goes on.
+
+    Attributes
+    ----------
+    run : int
+        The run; one that has not begun yet when `start_s` is None.
+    start_s : float or None
+        When that run began, s on the present clock.
+    shift_s : float
+        How much later than at first its schedule is.
+    slot, segment, attempt : int
+        What was to be read next.
+    mid_segment : bool
+        Whether the schedule stood at `slot`; if not, `segment` was about to be begun anew.
+    last_time_s : float
+        Of the run's last reading, s from its start.
+    """
+
+    run: int
+    start_s: float | None = None
+    shift_s: float = 0.0
+    slot: int = 0
+    segment: int = 0
+    attempt: int = 1
+    mid_segment: bool = False
+    last_time_s: float = 0.0
+
+
+def find_resume_point(store: Store, test_id: str, plan: Plan, clock: Clock) -> ResumePoint | None:
+    """Find where a test goes on.
+
+    Returns
+    -------
+    ResumePoint or None
+        None when every run is finished and only the test's own end is missing.
+
+    Raises
+    ------
+    StoreError
+        If the test is finished, or the store does not know it.
+    """
+    record = store.test(test_id)
+    if record.status == "finished":
+        raise StoreError(f"test {test_id}: is finished; only an interrupted one can be resumed")
+    begun = {run.number: run for run in record.runs}
+    for number in range(1, plan.runs + 1):
+        if number not in begun:
+            return ResumePoint(run=number)
+        if begun[number].status != "finished":
+            return _within_run(store, test_id, plan, clock, number)
+    return None
+
+
+def _within_run(store: Store, test_id: str, plan: Plan, clock: Clock, number: int) -> ResumePoint:
+    last = store.last_reading(test_id, number)
+    mark = _last_mark(store, test_id, number)
+    if mark is None:  # interrupted between its beginning and its first event
+        return ResumePoint(run=number, start_s=clock.now_s())
+    record = next(run for run in store.test(test_id).runs if run.number == number)
+    last_s = last.time_s if last else 0.0
+    slot, segment, attempt, mid_segment = 0, mark.segment, mark.attempt, False
+    if last is not None and (last.segment, last.attempt) >= (mark.segment, mark.attempt):
+        slot, mid_segment = last.slot + 1, True
+        segment, attempt = last.segment, last.attempt
+        if slot < plan.slots and (after := int(plan.run(number).segment[slot])) != segment:
+            segment, attempt = after, 1
+    return ResumePoint(
+        run=number,
+        start_s=_start_s(plan, clock, mark, record.start_utc, last_s),
+        shift_s=mark.shift_s,
+        slot=slot,
+        segment=segment,
+        attempt=attempt,
+        mid_segment=mid_segment,
+        last_time_s=last_s,
+    )
+
+
+def _last_mark(store: Store, test_id: str, number: int) -> ScheduleMark | None:
+    marks = [e for e in store.events(test_id) if e.kind == SCHEDULE and e.run == number]
+    return ScheduleMark(**json.loads(marks[-1].text)) if marks else None
+
+
+def _start_s(plan: Plan, clock: Clock, mark: ScheduleMark, start_utc: str, last_s: float) -> float:
+    """Return when the run began on the present clock.
+
+    On another clock than the run's the time of day tells how long ago it was, and the run's time
+    never goes back behind its last reading.
+    """
+    if mark.clock == clock_identity(clock):
+        return mark.start_clock_s
+    since_s = (datetime.now(UTC) - datetime.fromisoformat(start_utc)).total_seconds()
+    since_s *= getattr(clock, "speed", 1.0)
+    since_s = max(since_s, last_s + plan.sequence.sampling.period_s)
+    return clock.now_s() - since_s
+
+
+def is_own(occupied: Many[str], store: Store, test_id: str, plan: Plan, station: Station) -> bool:
+    """Tell whether what a chamber is found to do is what a test that was killed left behind.
+
+    Of what may occupy a chamber a test leaves only a profile or program, by which some controllers
+    ramp. It is the test's own when the store's last word is a command, not a safe condition, and
+    the set point in force is one that the test could have asked for.
+
+    Parameters
+    ----------
+    occupied : sequence of str
+        What `Chamber.read_occupation` found.
+    store : Store
+    test_id : str
+        The test to go on with.
+    plan : Plan
+        Its plan.
+    station : Station
+        Its instruments; the set point is read.
+
+    Returns
+    -------
+    bool
+
+    Raises
+    ------
+    InstrumentError
+        If the set point cannot be read.
+    """
+    if not all("profile" in text or "program" in text for text in occupied):
+        return False
+    words = [e.kind for e in store.events(test_id) if e.kind in COMMANDED | SAFE]
+    if not words or words[-1] in SAFE:
+        return False
+    asked = [plan.sequence.temperature.start_c, plan.rest_temp_c, *(leg.end_c for leg in plan.legs)]
+    return min(asked) - NEAR_C <= station.chamber.read_setpoint_c() <= max(asked) + NEAR_C

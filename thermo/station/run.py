@@ -1,0 +1,389 @@
+"""One run of a test: readings at equal intervals while the chamber follows the programme."""
+
+import math
+from functools import partial
+
+from drivers.devices import ChannelReading
+from thermo.planning.legs import Leg, commanded_c, leg_at
+from thermo.planning.plan import RunPlan
+from thermo.planning.schedule import Schedule
+from thermo.station.outcome import InterferedError, ThermistorLostError
+from thermo.station.quality import OFF_POSITION_DEG, Quality
+from thermo.station.reading import inputs_of, make_rows
+from thermo.station.resume_point import ResumePoint
+from thermo.station.session import CHECK_S, Session
+from thermo.store.records import ReadingRow
+
+LOOK_S = 2.0  # no look at the chamber is begun this shortly before something is due
+
+
+class Run:
+    """One run, from its first slot or from where it was interrupted.
+
+    The plan's time p is due at ``start + shift + p`` on the clock: `shift_s` grows when a pause or
+    a repeated segment moves the rest of the programme.
+    """
+
+    def __init__(self, session: Session, point: ResumePoint, rest_s: float) -> None:
+        self._session = session
+        self._plan = session.plan
+        self._run: RunPlan = session.plan.run(point.run)
+        self._rest_s = rest_s  # of the test, after this run
+        self._inputs = inputs_of(session.plan.sequence, session.station.config)
+        self._shift_s = point.shift_s
+        self._slot = point.slot
+        self._segment = point.segment
+        self._attempt = point.attempt
+        self._next_leg = point.segment
+        self._head_deg: float | None = None  # where the head was last sent
+        self._gap = False  # the next reading is the first after a gap
+        self._rejoining = False  # the chamber is on its way back to the programme
+        self._turned = False  # the head was sent somewhere since the last reading
+        accelerometers = session.plan.sequence.accelerometers
+        self._quality = Quality(
+            serials=tuple(a.serial for a in accelerometers),
+            mount_deg={a.serial: a.mount_deg for a in accelerometers},
+            max_bad_share=session.plan.sequence.limits.max_bad_share,
+        )
+
+    # ---- time ----
+
+    def _now_s(self) -> float:
+        """Return the time from the run's start."""
+        return self._session.clock.now_s() - self._session.journal.start_s
+
+    def _schedule(self) -> Schedule:
+        return Schedule(
+            start_s=self._session.journal.start_s + self._shift_s,
+            period_s=self._plan.sequence.sampling.period_s,
+        )
+
+    def _commanded_c(self) -> float:
+        return float(commanded_c(self._plan.legs, self._now_s() - self._shift_s))
+
+    def _left_s(self) -> float:
+        return max(0.0, self._plan.run_s - (self._now_s() - self._shift_s)) + self._rest_s
+
+    # ---- the run ----
+
+    def send_head(self) -> None:
+        """Send the head to the first position, so that it stands there when the run begins."""
+        self._move_head()
+
+    def begin(self) -> None:
+        """Write down that the schedule stands at its beginning."""
+        self._mark()
+
+    def go_on(self, point: ResumePoint) -> None:
+        """Take up an interrupted run by the sequence's rule for gaps."""
+        rule = self._plan.sequence.after_gap
+        gap_s = self._now_s() - point.last_time_s
+        self._session.journal.event(
+            "gap", f"{gap_s:.1f} s without readings before slot {point.slot}"
+        )
+        if rule.gap_rule == "accept" and gap_s <= rule.max_gap_s and point.mid_segment:
+            self._accept_late()
+        else:
+            self._resoak()
+
+    def finish(self) -> None:
+        """Read every slot that is left."""
+        while self._slot < self._plan.slots:
+            self._session.control.check()
+            try:
+                if self._session.control.paused:
+                    self._pause()
+                elif self._wait_for_slot():
+                    self._take_slot()
+            except InterferedError as err:
+                self._rejoining = True
+                self._after_pause(err.began_s)
+
+    def _mark(self) -> None:
+        self._session.journal.schedule(
+            shift_s=self._shift_s, segment=self._segment, attempt=self._attempt
+        )
+
+    # ---- one slot ----
+
+    def _wait_for_slot(self) -> bool:
+        """Wait for the slot, starting the legs that begin before it; False: a pause, or missed."""
+        schedule = self._schedule()
+        deadline_s = schedule.deadline_s(self._slot)
+        while (leg := self._leg_due_by(deadline_s - 1e-6)) is not None:
+            due_s = schedule.start_s + leg.start_s
+            if not self._sleep_until(due_s, unless_paused=True):
+                return False
+            if not self._start_leg():
+                break
+        self._move_head()
+        settle_s = self._plan.sequence.sampling.settle_s if self._turned else 0.0
+        if not self._sleep_until(deadline_s - settle_s, unless_paused=True):
+            return False
+        return not self._missed()
+
+    def _sleep_until(self, deadline_s: float, *, unless_paused: bool = False) -> bool:
+        """Wait with a look at the chamber now and then; False when a pause was asked for."""
+        session = self._session
+        while session.look_due_s < deadline_s - LOOK_S:
+            if not session.sleep_until(session.look_due_s, unless_paused=unless_paused):
+                return False
+            session.look_at_chamber(self._commanded_c())
+        return session.sleep_until(deadline_s, unless_paused=unless_paused)
+
+    def _missed(self) -> bool:
+        """Leave out slots that are wholly missed, or that the head cannot reach any more."""
+        session = self._session
+        first = self._schedule().first_open(self._slot, session.clock.now_s())
+        if first == self._slot:
+            return False
+        if first < self._plan.slots and self._run.position_deg[first] != self._head_deg:
+            first += 1
+        first = min(first, self._plan.slots)
+        self._skip(first - self._slot)
+        session.journal.event("missed", f"slots {self._slot}…{first - 1}: overtaken by the time")
+        self._enter(first)
+        return True
+
+    def _take_slot(self) -> None:
+        session = self._session
+        flags = self._settle()
+        if self._missed():
+            return
+        scan_s = self._now_s()
+        lateness_s = session.clock.now_s() - self._schedule().deadline_s(self._slot)
+        scan = session.ask("digitiser", session.station.digitiser.scan)
+        position_deg = session.ask("head", session.station.head.read_position_deg)
+        session.read_chamber()
+        if session.foreign:
+            flags.append("foreign")
+        if scan is None or position_deg is None:
+            self._skip(1)
+            session.journal.event("skipped", f"slot {self._slot}: no reading")
+        else:
+            self._store(scan, scan_s, lateness_s, position_deg, flags)
+        slot, segment = self._slot, self._segment
+        self._enter(self._slot + 1)
+        session.judge_chamber(self._commanded_c())
+        if self._slot < self._plan.slots:
+            self._move_head()
+            if self._leg_due_by(self._schedule().deadline_s(slot)) is not None:
+                self._start_leg()
+        session.show("run", self._commanded_c(), self._left_s(), slot + 1, segment)
+
+    def _settle(self) -> list[str]:
+        """Wait until the head has stood for the settling time; say what is wrong with the slot."""
+        flags = ["gap"] if self._gap or self._rejoining else []
+        session, deadline_s = self._session, self._schedule().deadline_s(self._slot)
+        moving = False
+        if self._turned:
+            settled_s = session.clock.now_s() + self._plan.sequence.sampling.settle_s
+            moving = session.ask("head", session.station.head.is_moving) is not False
+            deadline_s = deadline_s if moving else max(deadline_s, settled_s)
+            self._turned = moving
+        self._sleep_until(deadline_s)
+        if moving:  # it was when the settling time began
+            still = session.ask("head", session.station.head.is_moving) is not False
+            flags.append("moving" if still else "unsettled")
+        return flags
+
+    def _store(
+        self,
+        scan: tuple[ChannelReading, ...],
+        scan_s: float,
+        lateness_s: float,
+        position_deg: float,
+        flags: list[str],
+    ) -> None:
+        if self._head_deg is not None:
+            self._alarm(self._quality.see_head(position_deg, self._head_deg))
+            if abs(position_deg - self._head_deg) > OFF_POSITION_DEG:
+                self._session.journal.event(
+                    "position", f"head at {position_deg:.3f}°, sent to {self._head_deg:.3f}°"
+                )
+                self._head_deg = None
+        rows = make_rows(
+            scan,
+            self._inputs,
+            slot=self._slot,
+            attempt=self._attempt,
+            segment=self._segment,
+            scan_s=scan_s,
+            # read back after the scan: of a turning head it says nothing about the scan itself
+            position_deg=None if "moving" in flags else position_deg,
+            chamber_c=self._session.chamber_c,
+            lateness_s=lateness_s,
+            flags=flags,
+        )
+        self._session.journal.rows(rows)
+        self._gap = False
+        self._alarm(self._quality.see_rows(rows))
+        self._alarm(self._quality.see_shares(rows), complain=False)
+        for row in rows:
+            self._watch_accelerometer(row)
+
+    def _watch_accelerometer(self, row: ReadingRow) -> None:
+        session, limits = self._session, self._plan.sequence.limits
+        temp_c = math.nan if row.temp_c is None else row.temp_c
+        chamber_c = math.nan if row.chamber_c is None else row.chamber_c
+        try:
+            session.watch.accelerometer(row.serial, temp_c, chamber_c)
+        except ThermistorLostError as err:
+            if limits.on_thermistor_lost == "end":
+                raise
+            session.journal.event("alarm", str(err))
+            session.control.pause()
+
+    def _alarm(self, found: list[str], *, complain: bool = True) -> None:
+        """Tell at once what is wrong with the instruments; a share is judged again at the end."""
+        for text in found:
+            self._session.journal.event("alarm", text)
+            if complain:
+                self._session.journal.complain(text)
+
+    def _skip(self, slots: int) -> None:
+        self._session.journal.skipped += slots
+        self._alarm(self._quality.see_missed(slots), complain=False)
+
+    def _enter(self, slot: int) -> None:
+        """Make `slot` the next one to be read."""
+        self._slot = slot
+        if slot < self._plan.slots and int(self._run.segment[slot]) != self._segment:
+            self._segment, self._attempt = int(self._run.segment[slot]), 1
+
+    # ---- chamber and head ----
+
+    def _leg_due_by(self, deadline_s: float) -> Leg | None:
+        """Return the last leg not yet started that begins by a moment of the clock."""
+        start_s = self._session.journal.start_s + self._shift_s
+        due = [
+            leg
+            for leg in self._plan.legs[self._next_leg : self._next_leg + 2]
+            if start_s + leg.start_s <= deadline_s
+        ]
+        return due[0] if due else None
+
+    def _start_leg(self) -> bool:
+        """Command the leg that is due; after a gap, bring the chamber back to the programme first.
+
+        False: it has not begun yet and is to be tried again after the next slot.
+        """
+        session, chamber = self._session, self._session.station.chamber
+        leg = self._plan.legs[self._next_leg]
+        if self._rejoining and not self._rejoined():
+            session.tell_chamber(partial(chamber.hold_temp_c, self._commanded_c()))
+            return False
+        if leg.is_ramp:
+            done = session.tell_chamber(
+                partial(chamber.ramp_to_c, leg.end_c, abs(leg.rate_c_per_min))
+            )
+        else:
+            done = session.tell_chamber(partial(chamber.hold_temp_c, leg.end_c))
+        if done:
+            self._rejoining = False
+            self._next_leg += 1
+            session.journal.event("segment", _leg_text(leg))
+            session.watch.expect(session.clock.now_s(), leg.step_c)
+        return done
+
+    def _rejoined(self) -> bool:
+        here_c = self._session.chamber_c
+        tolerance_c = max(1.0, self._plan.sequence.temperature.start_tolerance_c)
+        return here_c is not None and abs(here_c - self._commanded_c()) <= tolerance_c
+
+    def _move_head(self) -> None:
+        """Send the head to the next slot's position, unless it was sent there already."""
+        target_deg = float(self._run.position_deg[self._slot])
+        if self._head_deg == target_deg:
+            return
+        head = self._session.station.head
+        if self._session.tell_head(partial(head.move_to_deg, target_deg)):
+            self._head_deg = target_deg
+            self._turned = True
+
+    # ---- gaps ----
+
+    def _pause(self) -> None:
+        session = self._session
+        began_s, temp_c = session.clock.now_s(), self._commanded_c()
+        session.journal.event("pause", f"schedule held before slot {self._slot}, {temp_c:.2f} °C")
+        hold = partial(session.station.chamber.hold_temp_c, temp_c)
+        told = session.tell_chamber(hold)
+        try:
+            while session.control.paused:
+                session.sleep_until(session.clock.now_s() + CHECK_S)
+                told = told or session.tell_chamber(hold)
+                session.look_at_chamber(temp_c)
+                session.show("pause", temp_c, self._left_s(), self._slot, self._segment)
+        except InterferedError:
+            self._rejoining = True
+        self._after_pause(began_s)
+
+    def _after_pause(self, began_s: float) -> None:
+        """Go on by the sequence's rule for gaps."""
+        session = self._session
+        if self._slot >= self._plan.slots:
+            return
+        gap_s = session.clock.now_s() - began_s
+        session.journal.event("gap", f"{gap_s:.1f} s of pause before slot {self._slot}")
+        rule = self._plan.sequence.after_gap
+        if rule.gap_rule == "accept" and gap_s <= rule.max_gap_s:
+            self._shift_s += gap_s
+            self._take_up_leg()
+            self._gap = True
+        else:
+            self._resoak()
+
+    def _accept_late(self) -> None:
+        """Go on at the present time of the programme, with the chamber on its way back to it."""
+        self._gap = self._rejoining = True
+        first = self._schedule().first_open(self._slot, self._session.clock.now_s())
+        first = min(max(first + 1, self._slot), self._plan.slots)
+        self._skip(first - self._slot)
+        self._enter(first)
+        if self._slot >= self._plan.slots:
+            return
+        self._move_head()
+        self._take_up_leg()
+
+    def _take_up_leg(self) -> None:
+        """Command again the leg that the present belongs to."""
+        self._mark()
+        now_s = self._session.clock.now_s()
+        self._next_leg = int(leg_at(self._plan.legs, self._now_s() - self._shift_s))
+        here_c = self._session.ask("chamber", self._session.station.chamber.read_temp_c)
+        self._session.chamber_c = here_c
+        commanded_c = self._commanded_c()
+        self._session.watch.expect(now_s, (commanded_c if here_c is None else here_c) - commanded_c)
+        self._start_leg()
+
+    def _resoak(self) -> None:
+        """Void the segment's readings, go back to where it starts, and begin it again."""
+        session, segment = self._session, self._segment
+        leg = self._plan.legs[segment]
+        journal = session.journal
+        self._attempt = journal.store.mark_attempt(journal.test_id, journal.run, segment)
+        self._mark()
+        slots = (self._run.segment == segment).nonzero()[0]
+        self._slot = int(slots[0])
+        resoak_min = self._plan.sequence.after_gap.resoak_min
+        journal.event(
+            "resoak",
+            f"segment {segment} from {leg.start_c:g} °C again, attempt {self._attempt}, after "
+            f"{resoak_min:g} min there",
+        )
+        self._rejoining = False
+        self._move_head()
+        left_s = self._plan.run_s - leg.start_s + self._rest_s
+        session.go_to(leg.start_c, "resoak", left_s, stay_s=60 * resoak_min)
+        # the head is given its settling time before the first slot as before any other
+        settle_s = self._plan.sequence.sampling.settle_s
+        self._shift_s = self._now_s() + settle_s - leg.start_s
+        self._next_leg = segment
+        self._mark()
+
+
+def _leg_text(leg: Leg) -> str:
+    if leg.is_ramp:
+        return f"{leg.index}: ramp to {leg.end_c:g} °C at {abs(leg.rate_c_per_min):g} °C/min"
+    return f"{leg.index}: hold {leg.end_c:g} °C for {(leg.end_s - leg.start_s) / 60:g} min"

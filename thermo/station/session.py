@@ -1,0 +1,344 @@
+"""The instruments of a running test, with every failure counted and every wait watched over."""
+
+import logging
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from typing import TypeVar
+
+from drivers.clock import Clock
+from drivers.errors import FencedError, InstrumentError, LimitError, RecognitionError
+from drivers.opening import Station
+from thermo.planning.plan import Plan
+from thermo.station.journal import Journal
+from thermo.station.outcome import (
+    InterferedError,
+    LimitTrippedError,
+    Phase,
+    Progress,
+    RunControl,
+)
+from thermo.station.watch import FailureBudget, Watch
+
+log = logging.getLogger(__name__)
+
+CHECK_S = 10.0  # between two looks at the chamber while waiting
+ALARM_S = 10.0  # between two looks at its alarms while reading
+SLICE_S = 0.2  # real seconds after which a wait notices the operator
+
+Value = TypeVar("Value")
+# shows that the control thread lives and looks at the guardian; returns what is worth an event
+Heartbeat = Callable[[], Iterable[str]]
+
+
+def no_heartbeat() -> tuple[str, ...]:
+    """Beat for nobody: there is no guardian."""
+    return ()
+
+
+class Session:
+    """One sitting of a test: instruments, clock, limits, and who is told.
+
+    `commanded` and `head_commanded` are set just before the chamber, or the head, is told
+    anything for the first time. `foreign` is set while readings may show what somebody else told
+    the chamber: from a foreign change until the chamber has been brought somewhere anew.
+    `heartbeat` is called around every call of an instrument and in every slice of a wait; what it
+    raises ends the test.
+    """
+
+    def __init__(
+        self,
+        plan: Plan,
+        station: Station,
+        clock: Clock,
+        journal: Journal,
+        control: RunControl,
+        heartbeat: Heartbeat = no_heartbeat,
+    ) -> None:
+        self.plan = plan
+        self.station = station
+        self.clock = clock
+        self.journal = journal
+        self.control = control
+        self._heartbeat = heartbeat
+        self.watch = Watch(plan)
+        self.commanded = self.head_commanded = False
+        self.chamber_c: float | None = None
+        self.foreign = False
+        self.look_due_s = -math.inf
+        self._rule = station.config.on_foreign_change
+        self._changes: tuple[str, ...] = ()  # foreign ones, at the last look
+        self._undoing = False  # the operator has resumed after them
+        self._budgets: dict[str, FailureBudget] = {}
+        self._alarms_due_s = -math.inf
+        self._shown: Progress | None = None
+        speed = getattr(clock, "speed", None)
+        self._slice_s = math.inf if speed is None else SLICE_S * speed
+
+    def beat(self) -> None:
+        """Show that the control thread lives, and enter what became of the guardian."""
+        for line in self._heartbeat():
+            self.journal.event("guardian", line)
+
+    def ask(self, name: str, call: Callable[[], Value]) -> Value | None:
+        """Ask an instrument; None when it failed, which is counted under `name` and logged.
+
+        Raises
+        ------
+        InstrumentLostError
+            When it has failed too often.
+        LimitTrippedError
+            When the driver refuses what is asked, or no longer recognises the instrument because
+            somebody changed its settings: asking again would not help.
+        FencedError
+            When somebody else has taken the instrument over.
+        """
+        limits = self.plan.sequence.limits
+        budget = self._budgets.setdefault(
+            name,
+            FailureBudget(name, limits.max_failures, limits.max_failure_s),
+        )
+        self.beat()
+        try:
+            value = call()
+        except LimitError as err:
+            raise LimitTrippedError(f"{name} refused: {err}") from err
+        except RecognitionError as err:
+            raise LimitTrippedError(str(err)) from err
+        except FencedError:
+            raise
+        except InstrumentError as err:
+            self.journal.event("fault", f"{name}: {err}")
+            budget.failed(self.clock.now_s(), err)
+            return None
+        finally:
+            self.beat()
+        budget.succeeded()
+        return value
+
+    def tell(self, name: str, call: Callable[[], None]) -> bool:
+        """Tell an instrument to do something; False when it failed, as for `ask`."""
+
+        def done() -> bool:
+            call()
+            return True
+
+        return self.ask(name, done) is not None
+
+    def tell_chamber(self, call: Callable[[], None]) -> bool:
+        """Tell the chamber to do something, unless that would undo what somebody else changed.
+
+        False: it failed, or it waits for the station's rule on foreign changes, which the next
+        look at the chamber applies.
+
+        Raises
+        ------
+        LimitTrippedError
+            When somebody else has changed the chamber and the rule is to end.
+        """
+        if self.commanded and not self._undoing and not self._may_command():
+            return False
+        self.commanded = True
+        done = self.tell("chamber set point", call)
+        self._undoing = self._undoing and not done
+        return done
+
+    def _may_command(self) -> bool:
+        """Look whether the chamber still does what it was told; a command would hide that."""
+        if not self._see_changes():
+            return False
+        if self._changes and self._rule == "end":
+            raise LimitTrippedError(f"somebody else changed the chamber: {self._changes_text()}")
+        return not self._changes or self._rule == "tell"
+
+    def tell_head(self, call: Callable[[], None]) -> bool:
+        """Tell the head to do something."""
+        self.head_commanded = True
+        return self.tell("head move", call)
+
+    def sleep_until(self, deadline_s: float, *, unless_paused: bool = False) -> bool:
+        """Wait, noticing the operator; False when a pause was asked for in the meantime."""
+        while True:
+            self.beat()
+            self.control.check()
+            if unless_paused and self.control.paused:
+                return False
+            now_s = self.clock.now_s()
+            if now_s >= deadline_s:
+                return True
+            self.clock.sleep_until_s(min(deadline_s, now_s + self._slice_s))
+
+    def look_at_chamber(self, commanded_c: float | None) -> None:
+        """Read the chamber and hold it against the limits.
+
+        Parameters
+        ----------
+        commanded_c : float or None
+            Where the programme wants it, °C; None when it is on its way somewhere.
+        """
+        self.read_chamber()
+        self.judge_chamber(commanded_c)
+
+    def read_chamber(self) -> None:
+        """Read the chamber's temperature, and whether it still does what it was last told."""
+        chamber = self.station.chamber
+        self.look_due_s = self.clock.now_s() + CHECK_S
+        self.chamber_c = self.ask("chamber", chamber.read_temp_c)
+        if self.chamber_c is None or not self.commanded:
+            return
+        self._see_changes()
+
+    def _see_changes(self) -> bool:
+        """Read what somebody else changed, and tell what is new; False when it cannot be read."""
+        read = self.station.chamber.read_foreign_changes
+        changes = self.ask("chamber's set point and mode", read)
+        if changes is None:
+            return False
+        for change in changes:
+            if change not in self._changes:
+                self.journal.event("foreign change", change)
+        if changes and not self.foreign:
+            self.journal.complain(f"somebody else changed the chamber: {'; '.join(changes)}")
+        self._changes = changes
+        self.foreign = self.foreign or bool(changes)
+        return True
+
+    def judge_chamber(self, commanded_c: float | None) -> None:
+        """Hold the last reading of the chamber against the limits, and see to its alarms.
+
+        Raises
+        ------
+        LimitTrippedError
+            When a limit is passed, an alarm is told, or somebody else has changed the chamber and
+            the station's rule is to end.
+        InterferedError
+            When the rule is to pause, and the pause is over.
+        """
+        now_s = self.clock.now_s()
+        if self.chamber_c is not None:
+            self.watch.chamber(self.chamber_c)
+        if now_s >= self._alarms_due_s:
+            self._alarms_due_s = now_s + ALARM_S
+            alarms = self.ask("chamber alarms", self.station.chamber.read_alarms)
+            self.watch.alarms(alarms or ())
+        if self._changes and self._rule == "end":
+            raise LimitTrippedError(f"somebody else changed the chamber: {self._changes_text()}")
+        if self._changes and self._rule == "pause":
+            self._stand_back()
+        elif self.chamber_c is not None and commanded_c is not None:
+            self.watch.programme(now_s, self.chamber_c, commanded_c)
+
+    def _changes_text(self) -> str:
+        return "; ".join(self._changes)
+
+    def _stand_back(self) -> None:
+        """Leave the chamber to who changed it until the operator resumes; its limits still hold."""
+        began_s = self.clock.now_s()
+        self.control.pause()
+        self.journal.event(
+            "pause", f"the chamber is left to who changed it: {self._changes_text()}"
+        )
+        while self.control.paused:
+            self.sleep_until(self.clock.now_s() + CHECK_S)
+            self.read_chamber()
+            if self.chamber_c is not None:
+                self.watch.chamber(self.chamber_c)
+            self.watch.alarms(self.ask("chamber alarms", self.station.chamber.read_alarms) or ())
+            if self._shown is not None:
+                self._show_again(self._shown)
+        self._changes = ()
+        self._undoing = True  # what is commanded next undoes them
+        raise InterferedError(began_s)
+
+    def go_to(
+        self,
+        temp_c: float,
+        phase: Phase,
+        left_s: float,
+        *,
+        stay_s: float = 0.0,
+        until_s: float = -math.inf,
+    ) -> None:
+        """Bring the chamber to a temperature and let it stay there.
+
+        Parameters
+        ----------
+        temp_c : float
+            °C.
+        phase : Phase
+            For the progress.
+        left_s : float
+            Expected rest of the test after this, s.
+        stay_s : float
+            How long it is to stay once it is there, s.
+        until_s : float
+            When it may leave at the earliest, s on the clock.
+
+        Raises
+        ------
+        LimitTrippedError
+            When it does not get there in the time the sequence allows.
+        """
+        while True:
+            try:
+                self._reach(temp_c, phase, left_s + stay_s)
+                self.foreign = False  # what comes now begins at a temperature that is known
+                end_s = max(until_s, self.clock.now_s() + stay_s)
+                self._stay(temp_c, "soak" if phase == "approach" else phase, end_s, left_s)
+            except InterferedError:
+                continue
+            return
+
+    def _reach(self, temp_c: float, phase: Phase, left_s: float) -> None:
+        programme = self.plan.sequence.temperature
+        deadline_s = self.clock.now_s() + 60 * programme.start_timeout_min
+        told = False
+        while True:
+            if not told:
+                told = self.tell_chamber(lambda: self.station.chamber.hold_temp_c(temp_c))
+            self.look_at_chamber(None)
+            here_c = self.chamber_c
+            self.show(phase, temp_c, left_s)
+            if told and here_c is not None and abs(here_c - temp_c) <= programme.start_tolerance_c:
+                break
+            if self.clock.now_s() >= deadline_s:
+                shown = "unread" if here_c is None else f"{here_c:.2f} °C"
+                raise LimitTrippedError(
+                    f"chamber ({shown}) did not come within {programme.start_tolerance_c:g} °C of "
+                    f"{temp_c:g} °C in {programme.start_timeout_min:g} min"
+                )
+            self.sleep_until(self.clock.now_s() + CHECK_S)
+        self.watch.expect(self.clock.now_s(), 0.0)
+
+    def _stay(self, temp_c: float, phase: Phase, end_s: float, left_s: float) -> None:
+        """Watch the chamber stay at a temperature for a time."""
+        while (now_s := self.clock.now_s()) < end_s:
+            self.sleep_until(min(end_s, now_s + CHECK_S))
+            self.look_at_chamber(temp_c)
+            self.show(phase, temp_c, left_s + max(0.0, end_s - self.clock.now_s()))
+
+    def show(
+        self, phase: Phase, commanded_c: float, left_s: float, slot: int = 0, segment: int = 0
+    ) -> None:
+        """Tell the observers how far the test is."""
+        self._shown = Progress(
+            test_id=self.journal.test_id,
+            run=self.journal.run,
+            runs=self.plan.runs,
+            phase=phase,
+            slot=slot,
+            slots=self.plan.slots,
+            segment=segment,
+            time_s=self.clock.now_s() - self.journal.start_s,
+            left_s=left_s,
+            commanded_c=commanded_c,
+            chamber_c=self.chamber_c,
+        )
+        self.journal.progress(self._shown)
+
+    def _show_again(self, shown: Progress) -> None:
+        """Tell the observers that the test stands still where it was last shown."""
+        time_s = self.clock.now_s() - self.journal.start_s
+        self.journal.progress(
+            replace(shown, phase="pause", time_s=time_s, chamber_c=self.chamber_c)
+        )

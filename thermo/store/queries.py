@@ -1,0 +1,311 @@
+"""The store's questions to its database, each inside a transaction that the caller began."""
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+import sqlalchemy as sa
+
+from errormodel.errors import StoreError
+from thermo.store.records import (
+    QUANTITIES,
+    EventRecord,
+    ReadingRow,
+    RunRecord,
+    TestRecord,
+    TestSummary,
+)
+from thermo.store.schema import events as event_table
+from thermo.store.schema import readings as reading_table
+from thermo.store.schema import runs as run_table
+from thermo.store.schema import tests as test_table
+from thermo.store.schema import voided as voided_table
+
+PIECE = 1 << 16  # readings of a stream at a time: some 25 MB
+TEXTS = ("serial", "flag", "voided")
+_ATTEMPT = ("test_id", "run", "segment", "attempt")
+ROW = ("serial", "slot", "attempt", "segment", *QUANTITIES, "flag")
+
+
+class ReadingCount(NamedTuple):
+    """How many readings an accelerometer has in a run, and how many with these quantities."""
+
+    run: int
+    serial: str
+    readings: int
+    positions: int
+    chamber_temperatures: int
+
+
+def need_test(connection: sa.Connection, test_id: str) -> Mapping[str, Any]:
+    """Return a test's row; `StoreError` when there is none."""
+    query = sa.select(test_table).where(test_table.c.id == test_id)
+    found = connection.execute(query).mappings().first()
+    if found is None:
+        raise StoreError(f"test {test_id!r}: there is none of this id")
+    return {str(name): value for name, value in found.items()}
+
+
+def has_test(connection: sa.Connection, test_id: str) -> bool:
+    """Tell whether there is a test of this id."""
+    query = sa.select(test_table.c.id).where(test_table.c.id == test_id)
+    return connection.execute(query).first() is not None
+
+
+def running_tests(connection: sa.Connection) -> tuple[str, ...]:
+    """Return the ids of the tests whose status is running, the oldest first."""
+    t = test_table.c
+    found = connection.execute(
+        sa.select(t.id).where(t.status == "running").order_by(t.created_utc, t.id)
+    )
+    return tuple(found.scalars())
+
+
+def run_status(connection: sa.Connection, test_id: str, number: int) -> str | None:
+    """Return a run's status; None when it has not begun."""
+    return connection.execute(
+        sa.select(run_table.c.status).where(
+            run_table.c.test_id == test_id, run_table.c.number == int(number)
+        )
+    ).scalar()
+
+
+def set_run_status(connection: sa.Connection, test_id: str, number: int, status: str) -> None:
+    """Change a run's status."""
+    connection.execute(
+        sa.update(run_table)
+        .where(run_table.c.test_id == test_id, run_table.c.number == int(number))
+        .values(status=status)
+    )
+
+
+def end_open_runs(connection: sa.Connection, test_id: str, status: str) -> None:
+    """Give the runs of a test that are still running the status it ended with."""
+    connection.execute(
+        sa.update(run_table)
+        .where(run_table.c.test_id == test_id, run_table.c.status == "running")
+        .values(status=status)
+    )
+
+
+def lock_test(connection: sa.Connection, test_id: str) -> None:
+    """Keep others from adding to a test until the transaction ends (SQLite has one writer anyway).
+
+    Rows that refer to a test share-lock it, so this also waits for those that are on their way.
+    """
+    connection.execute(
+        sa.select(test_table.c.id).where(test_table.c.id == test_id).with_for_update()
+    )
+
+
+def has_event(connection: sa.Connection, values: Mapping[str, Any]) -> bool:
+    """Tell whether an event of these values is there."""
+    same = [event_table.c[name].is_not_distinct_from(value) for name, value in values.items()]
+    return connection.execute(sa.select(sa.literal(1)).where(*same)).first() is not None
+
+
+def has_readings(connection: sa.Connection, values: Sequence[Mapping[str, Any]]) -> bool:
+    """Tell whether readings are all stored with the very values given."""
+    names = [column.name for column in reading_table.columns]
+    key = [column.name for column in reading_table.primary_key.columns]
+    for value in values:
+        where = [reading_table.c[name] == value[name] for name in key]
+        found = connection.execute(sa.select(reading_table).where(*where)).mappings().first()
+        if found is None or any(found[name] != value[name] for name in names):
+            return False
+    return True
+
+
+def need_open_attempt(
+    connection: sa.Connection, test_id: str, run: int, segment: int, attempt: int
+) -> None:
+    """Refuse readings of what is over, and of what was given up."""
+    status = run_status(connection, test_id, run)
+    if status is None:
+        raise StoreError(f"test {test_id} run {run}: has not begun; nothing was changed")
+    if status == "finished":
+        raise StoreError(f"test {test_id} run {run}: is finished; nothing was changed")
+    if attempt in voided_attempts(connection, test_id, run, segment):
+        raise StoreError(
+            f"test {test_id} run {run}: attempt {attempt} at segment {segment} was given up, "
+            "expected a new attempt; nothing was changed"
+        )
+
+
+def attempts(connection: sa.Connection, test_id: str, run: int, segment: int) -> set[int]:
+    """Return the attempts at a segment that have readings."""
+    r = reading_table.c
+    found = connection.execute(
+        sa.select(r.attempt)
+        .where(r.test_id == test_id, r.run == int(run), r.segment == int(segment))
+        .distinct()
+    )
+    return set(found.scalars())
+
+
+def all_attempts(connection: sa.Connection, test_id: str) -> set[tuple[int, int, int]]:
+    """Return a test's attempts, with readings or voided, as (run, segment, attempt)."""
+    return {
+        (row.run, row.segment, row.attempt)
+        for t in (reading_table.c, voided_table.c)
+        for row in connection.execute(
+            sa.select(t.run, t.segment, t.attempt).where(t.test_id == test_id).distinct()
+        )
+    }
+
+
+def voided_attempts(connection: sa.Connection, test_id: str, run: int, segment: int) -> set[int]:
+    """Return the attempts at a segment that do not count."""
+    v = voided_table.c
+    found = connection.execute(
+        sa.select(v.attempt).where(
+            v.test_id == test_id, v.run == int(run), v.segment == int(segment)
+        )
+    )
+    return set(found.scalars())
+
+
+def first_present(
+    connection: sa.Connection, values: Sequence[Mapping[str, Any]]
+) -> Mapping[str, Any] | None:
+    """Return the first of some readings that is stored already, or stands twice among them."""
+    seen: set[tuple[Any, ...]] = set()
+    key = [column.name for column in reading_table.primary_key.columns]
+    for value in values:
+        where = [reading_table.c[name] == value[name] for name in key]
+        mark = tuple(value[name] for name in key)
+        found = connection.execute(sa.select(sa.literal(1)).where(*where)).first()
+        if found is not None or mark in seen:
+            return value
+        seen.add(mark)
+    return None
+
+
+def test(connection: sa.Connection, test_id: str) -> TestRecord:
+    """Return a test with its runs."""
+    row = dict(need_test(connection, test_id))
+    found = connection.execute(
+        sa.select(run_table).where(run_table.c.test_id == test_id).order_by(run_table.c.number)
+    )
+    run_records = tuple(
+        RunRecord(
+            number=r.number, start_utc=r.start_utc, start_clock_s=r.start_clock_s, status=r.status
+        )
+        for r in found
+    )
+    versions, settings = json.loads(row.pop("versions_json")), json.loads(row.pop("settings_json"))
+    return TestRecord(**row, versions=versions, settings=settings, runs=run_records)
+
+
+def tests(connection: sa.Connection) -> tuple[TestSummary, ...]:
+    """Return all tests, the oldest first."""
+    t = test_table.c
+    run_count = sa.select(sa.func.count()).where(run_table.c.test_id == t.id).scalar_subquery()
+    count = sa.select(sa.func.count()).where(reading_table.c.test_id == t.id).scalar_subquery()
+    found = connection.execute(
+        sa.select(
+            t.id,
+            t.created_utc,
+            t.name,
+            t.status,
+            t.outcome,
+            run_count.label("runs"),
+            count.label("readings"),
+        ).order_by(t.created_utc, t.id)
+    )
+    return tuple(TestSummary(**row) for row in found.mappings())  # type: ignore[arg-type]
+
+
+def events(connection: sa.Connection, test_id: str) -> tuple[EventRecord, ...]:
+    """Return what happened in a test, in the order of logging."""
+    e = event_table.c
+    found = connection.execute(
+        sa.select(e.run, e.time_s, e.kind, e.text, e.logged_utc)
+        .where(e.test_id == test_id)
+        .order_by(e.id)
+    )
+    return tuple(EventRecord(**row) for row in found.mappings())  # type: ignore[arg-type]
+
+
+def last_reading(connection: sa.Connection, test_id: str, run: int) -> ReadingRow | None:
+    """Return the reading of a run that is latest in time."""
+    r = reading_table.c
+    found = connection.execute(
+        sa.select(*(r[name] for name in ROW))
+        .where(r.test_id == test_id, r.run == int(run))
+        .order_by(r.time_s.desc(), r.slot.desc(), r.attempt.desc(), r.serial.desc())
+        .limit(1)
+    )
+    row = found.mappings().first()
+    return None if row is None else ReadingRow(**row)  # type: ignore[arg-type]
+
+
+def readings(connection: sa.Connection, test_id: str, run: int | None) -> pd.DataFrame:
+    """Return readings as a table, in order of run, time and serial."""
+    need_test(connection, test_id)
+    r = reading_table.c
+    query = _readings_with_marks(test_id).order_by(r.run, r.time_s, r.serial)
+    if run is not None:
+        query = query.where(r.run == int(run))
+    return _frame(connection.execute(query).all())
+
+
+def reading_pieces(
+    connection: sa.Connection, test_id: str, serials: Sequence[str], *, by_serial: bool
+) -> Iterator[pd.DataFrame]:
+    """Yield the readings that count of some accelerometers, piece by piece, as `readings` has them.
+
+    They come in order of run, time and serial, or of run, serial (by code point) and time.
+    """
+    r = reading_table.c
+    collation = "C" if connection.dialect.name == "postgresql" else "BINARY"
+    order = (sa.collate(r.serial, collation), r.time_s) if by_serial else (r.time_s, r.serial)
+    query = _that_count(_readings_with_marks(test_id), serials).order_by(r.run, *order)
+    streamed = connection.execution_options(stream_results=True, max_row_buffer=PIECE)
+    for rows in streamed.execute(query).partitions(PIECE):
+        yield _frame(rows)
+
+
+def reading_counts(
+    connection: sa.Connection, test_id: str, serials: Sequence[str]
+) -> list[ReadingCount]:
+    """Count the readings that count of some accelerometers, for each of their runs."""
+    need_test(connection, test_id)
+    r = reading_table.c
+    query = sa.select(
+        r.run,
+        r.serial,
+        sa.func.count().label("readings"),
+        sa.func.count(r.position_deg).label("positions"),
+        sa.func.count(r.chamber_c).label("chamber_temperatures"),
+    ).select_from(_joined())
+    query = query.where(r.test_id == test_id).group_by(r.run, r.serial).order_by(r.run)
+    return [ReadingCount(*row) for row in connection.execute(_that_count(query, serials))]
+
+
+def _joined() -> sa.Join:
+    r, v = reading_table.c, voided_table.c
+    same = (getattr(r, name) == getattr(v, name) for name in _ATTEMPT)
+    return reading_table.outerjoin(voided_table, sa.and_(*same))
+
+
+def _readings_with_marks(test_id: str) -> sa.Select[Any]:
+    r, v = reading_table.c, voided_table.c
+    columns = (r[name] for name in ("run", *ROW))
+    query = sa.select(*columns, sa.func.coalesce(v.flag, "").label("voided"))
+    return query.select_from(_joined()).where(r.test_id == test_id)
+
+
+def _that_count(query: Any, serials: Sequence[str]) -> sa.Select[Any]:
+    marked = sa.func.coalesce(voided_table.c.flag, "") != ""
+    return query.where(~marked, reading_table.c.serial.in_(list(serials)))
+
+
+def _frame(rows: Sequence[sa.Row[Any]]) -> pd.DataFrame:
+    names = ("run", *ROW, "voided")
+    columns = dict(zip(names, zip(*rows, strict=True), strict=True)) if rows else {}
+    kinds: dict[str, Any] = dict.fromkeys(names, np.int64)
+    kinds |= dict.fromkeys(QUANTITIES, np.float64) | dict.fromkeys(TEXTS, object)
+    return pd.DataFrame({n: np.array(columns.get(n, ()), dtype=kinds[n]) for n in names})

@@ -1,0 +1,209 @@
+"""A fit seen linearly: how far anything added to the output moves the estimates, and its sigma.
+
+All that a fit says beyond its estimates hangs on this: what runs that differ, a thermistor that is
+off or an order left out do to the coefficients, and whether the residual still follows something.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy import linalg
+
+from errormodel.arrays import FloatArray
+from errormodel.columns import Columns
+from errormodel.fit import ModelFit
+from errormodel.noise.drift import NoiseModel
+from errormodel.noise.whitening import drift_product
+from errormodel.record import Record
+from errormodel.run_effects import RunEffect
+from thermo.library.terms import MAX_ORDER
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Linearised:
+    """The derivative of a model at its fit, with equal weights.
+
+    Attributes
+    ----------
+    fit : ModelFit
+    record : Record
+        That was fitted, with its output.
+    columns : Columns, shape (n, p)
+    residual : ndarray, shape (n,)
+    run_directions : ndarray, shape (p, q)
+        What may differ from run to run, each as a change of the coefficients.
+    run_effects : tuple of RunEffect, length q or 0
+    """
+
+    fit: ModelFit
+    record: Record
+    columns: Columns
+    residual: FloatArray
+    run_directions: FloatArray
+    run_effects: tuple[RunEffect, ...] = ()
+    _inverse: FloatArray = field(init=False)
+
+    def __post_init__(self) -> None:
+        triangle = self.columns.triangle()
+        norms = np.linalg.norm(triangle, axis=0)
+        norms = np.where(norms > 0, norms, 1.0)
+        root = linalg.pinv(triangle / norms) / norms[:, None]
+        object.__setattr__(self, "_inverse", root @ root.T)
+
+    @property
+    def noise(self) -> NoiseModel:
+        """Of the readings, runs apart."""
+        return self.fit.noise
+
+    @property
+    def drift_freedom(self) -> float:
+        """Degrees of freedom of the drift's variance: it is new in each run and after each τ."""
+        spans = [float(np.ptp(self.record.time_s[r])) for r in self.record.run_slices]
+        return sum(1.0 + span / self.noise.drift_tau_s for span in spans)
+
+    def moved(self, added: FloatArray) -> FloatArray:
+        """Return how far something added to the output (n, m) moves the estimates (p, m)."""
+        return self._inverse @ self.columns.transposed_times(added)
+
+    def by_normal(self, pull: FloatArray) -> FloatArray:
+        """Return how far changes of the normal equations' right side move the estimates."""
+        return np.asarray(self._inverse @ pull)
+
+    def left(self, added: FloatArray) -> FloatArray:
+        """Return what the estimates do not take up of something added to the output."""
+        taken = self.columns @ self.moved(added)
+        return np.subtract(added, taken, out=taken)
+
+    def variance(self, weights: FloatArray) -> FloatArray:
+        """Return the covariance of sums of readings with weights (n, m), shape (m, m).
+
+        The sums are of what the estimates leave: only what the runs differ by is in them.
+        """
+        return self.by_drift(weights) + self.by_the_rest(weights)
+
+    def by_drift(self, weights: FloatArray) -> FloatArray:
+        """Return the drift's share of `variance`."""
+        noise = self.noise
+        if not noise.drift > 0:
+            return np.zeros((weights.shape[1],) * 2)
+        return noise.drift**2 * drift_product(self.record, noise.drift_tau_s, weights)
+
+    def by_the_rest(self, weights: FloatArray) -> FloatArray:
+        """Return the share of the white noise and of the runs' differences in `variance`."""
+        total = self.noise.white**2 * (weights.T @ weights)
+        along = self.columns @ self.run_directions if self.run_effects else np.empty((0, 0))
+        for k, effect in enumerate(self.run_effects):
+            for rows in self.record.run_slices:
+                seen = weights[rows].T @ along[rows, k]
+                total = total + effect.seen_sigma**2 * np.outer(seen, seen)
+        return np.asarray(total)
+
+    def run_moves(self, k: int) -> FloatArray:
+        """Return how far effect k in each run moves the estimates, shape (p, runs)."""
+        return np.asarray(self._inverse @ self._run_pulls(k)[0])
+
+    def run_shown(self, k: int) -> FloatArray:
+        """Return which part of effect k in the runs the residual shows, shape (runs, runs).
+
+        A projection, nearly: 1 for what runs differ by, 0 for what the estimates take up.
+        """
+        pulls, lengths2 = self._run_pulls(k)
+        kept = np.diag(lengths2) - pulls.T @ (self._inverse @ pulls)
+        lengths = np.sqrt(np.where(lengths2 > 0, lengths2, 1.0))
+        return np.asarray(kept / np.outer(lengths, lengths))
+
+    def _run_pulls(self, k: int) -> tuple[FloatArray, FloatArray]:
+        """Return effect k in each run on the normal equations (p, runs), and its square."""
+        along = self.columns @ self.run_directions[:, k]
+        lengths2 = [float(along[r] @ along[r]) for r in self.record.run_slices]
+        return np.asarray(self.columns.by_run(along).T), np.array(lengths2)
+
+    def share(self, k: int) -> FloatArray:
+        """Return the weights of the coefficients that give the mean of effect k, shape (p,)."""
+        metric = self.columns.transposed_times(self.columns @ self.run_directions[:, k])
+        return np.asarray(metric / (self.run_directions[:, k] @ metric))
+
+    def by_temperature(self) -> FloatArray:
+        """Return the output's derivative by the temperature, per °C, shape (n,)."""
+        return np.asarray(self.columns @ temperature_direction(self.fit))
+
+
+def linearised(fit: ModelFit, record: Record) -> Linearised:
+    """Return a fit with its derivative, and the directions in which its runs may differ."""
+    values = fit.as_dict()
+    residual = np.asarray(record.output) - fit.model.simulate(record, values)
+    return Linearised(
+        fit=fit,
+        record=record,
+        columns=Columns(fit.model, record, values),
+        residual=residual,
+        run_directions=_run_directions(fit),
+    )
+
+
+def run_names(fit: ModelFit) -> tuple[str, ...]:
+    """Return what may differ from run to run: bias, scale factor, the thermistor's temperature."""
+    names = [n for n in ("k0", "k1") if n in fit.names]
+    return (*names, *(["temp_c"] if np.any(temperature_direction(fit)) else []))
+
+
+def _run_directions(fit: ModelFit) -> FloatArray:
+    single = [np.eye(len(fit.names))[fit.names.index(n)] for n in run_names(fit) if n != "temp_c"]
+    thermal = temperature_direction(fit)
+    directions = [*single, *([thermal] if np.any(thermal) else [])]
+    return np.array(directions).reshape(len(directions), len(fit.names)).T
+
+
+def temperature_direction(fit: ModelFit) -> FloatArray:
+    """Return what a degree does to the coefficients, to first order, shape (p,).
+
+    With T for T + ε the polynomials keep their form: b_k gains (k + 1)·b_{k+1}·ε.
+    """
+    change = np.zeros(len(fit.names))
+    for family in ("k0", "k1"):
+        relative = family == "k1"
+        if family not in fit.names or f"{family}_t1" not in fit.names:
+            continue
+        first = fit.value(f"{family}_t1")
+        change[fit.names.index(family)] = first * (fit.value("k1") if relative else 1.0)
+        for k in range(1, MAX_ORDER + 1):
+            name, above = f"{family}_t{k}", f"{family}_t{k + 1}"
+            if name in fit.names:
+                more = (k + 1) * fit.value(above) if above in fit.names else 0.0
+                less = first * fit.value(name) if relative else 0.0  # relative to the new K1
+                change[fit.names.index(name)] = more - less
+    return change
+
+
+def shifted(fit: ModelFit, by_c: float) -> tuple[FloatArray, FloatArray]:
+    """Return a fit's values and covariance at a reference temperature `by_c` higher."""
+
+    def at(values: FloatArray) -> FloatArray:
+        moved = values.copy()
+        for family in ("k0", "k1"):
+            orders = [k for k in range(1, MAX_ORDER + 1) if f"{family}_t{k}" in fit.names]
+            if family not in fit.names or orders != list(range(1, len(orders) + 1)):
+                continue
+            where = [fit.names.index(f"{family}_t{k}" if k else family) for k in (0, *orders)]
+            powers = values[where].copy()
+            head = powers[0]
+            powers[0] = 1.0 if family == "k1" else head
+            new = np.polynomial.Polynomial(powers)(np.polynomial.Polynomial([by_c, 1.0])).coef
+            new = np.pad(new, (0, len(where) - new.size))
+            if family == "k1":
+                new[1:] /= new[0]
+                new[0] *= head
+            moved[where] = new
+        return moved
+
+    values = np.asarray(fit.values, dtype=float)
+    steps = 1e-3 * np.sqrt(np.diag(fit.cov))
+    slopes = np.column_stack(
+        [
+            (at(values + step * unit) - at(values - step * unit)) / (2 * step)
+            if step > 0
+            else np.zeros(values.size)
+            for step, unit in zip(steps.tolist(), np.eye(values.size), strict=True)
+        ]
+    )
+    return at(values), slopes @ fit.cov @ slopes.T
