@@ -14,7 +14,8 @@ import numpy as np
 
 from drivers.clock import RealClock
 from drivers.station import StationConfig
-from thermo.launch.emulated import default_station, run_emulated
+from thermo.launch.emulated import run_emulated
+from thermo.planning.default_station import default_station
 from thermo.planning.sequence import Sequence
 from thermo.store.store import open_store
 

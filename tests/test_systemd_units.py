@@ -11,7 +11,7 @@ import pytest
 from accelbench.cli import accelbench
 from drivers.station import StationConfig
 from errormodel.io.toml import read_toml
-from thermo.safety.heartbeat import silence_limit_s
+from thermo.planning.silence import silence_limit_s
 from thermo.station.safe_end import RETRY_S
 
 ROOT = Path(__file__).parents[1]

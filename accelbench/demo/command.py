@@ -18,7 +18,7 @@ from accelbench.shell.outputs import json_option
 from accelbench.shell.surroundings import current_shell
 from errormodel.errors import InputError
 from thermo.fitting.findings import find_loop
-from thermo.launch.emulated import default_station
+from thermo.planning.default_station import default_station
 from thermo.planning.plan import make_plan
 from thermo.planning.sequence import Sequence
 from thermo.station.live import LiveEstimate

@@ -32,7 +32,8 @@ from errormodel.io.atomic import write_files
 from thermo.compensation.model_file import dump_model, read_model
 from thermo.discrepancy.experiment import Experiment
 from thermo.discrepancy.find import Discrepancy, find_discrepancy
-from thermo.launch.emulated import default_station, run_emulated
+from thermo.launch.emulated import run_emulated
+from thermo.planning.default_station import default_station
 from thermo.planning.sequence import Accelerometer, load_sequence, parse_sequence
 from thermo.planning.sequence import Sequence as TestSequence
 from thermo.recording.channel import channel_of

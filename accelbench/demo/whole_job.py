@@ -15,7 +15,8 @@ from errormodel.io.atomic import write_files
 from thermo.compensation.compensated_files import CompensatedFile, compensate_files
 from thermo.compensation.model_file import ModelFile, dump_model, make_model_file
 from thermo.fitting.fit import AccelerometerFit, fit_runs
-from thermo.launch.emulated import default_station, run_emulated
+from thermo.launch.emulated import run_emulated
+from thermo.planning.default_station import default_station
 from thermo.planning.plan import make_plan
 from thermo.planning.sequence import Sequence as TestSequence
 from thermo.planning.sequence import parse_sequence

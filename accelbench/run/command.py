@@ -20,8 +20,9 @@ from drivers.clock import Clock, ScaledClock, SteppedClock
 from drivers.errors import InstrumentError
 from drivers.station import StationConfig
 from errormodel.errors import InputError, WorkbenchError
-from thermo.launch.emulated import default_station, run_emulated
+from thermo.launch.emulated import run_emulated
 from thermo.launch.real import load_station, run_on_station
+from thermo.planning.default_station import default_station
 from thermo.planning.plan import Plan, make_plan
 from thermo.planning.sequence import Sequence as TestSequence
 from thermo.planning.sequence import load_sequence, parse_sequence

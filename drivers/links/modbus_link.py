@@ -12,7 +12,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Literal
 
-from drivers.chambers.maps import Barrier
 from drivers.devices import LinkCounters
 from drivers.errors import (
     DeviceError,
@@ -22,6 +21,7 @@ from drivers.errors import (
     ProtocolError,
     RecognitionError,
 )
+from drivers.links.barrier import Barrier
 from drivers.links.modbus import (
     BadReplyError,
     Port,

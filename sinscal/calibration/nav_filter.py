@@ -26,7 +26,8 @@ from sinscal.filter.steps import force_steps, sensor_columns
 from sinscal.frames.attitude import rotvec_of
 from sinscal.frames.earth import Site
 from sinscal.model.priors import RigPrior
-from sinscal.model.sensors import Motion, SensorModel, rate_derivative
+from sinscal.model.sensors import Motion, SensorModel
+from sinscal.recording.run import rate_derivative
 
 # The errors depend on the true motion, and that on the errors, in a thousandth of their size: after
 # three rounds 1e-6 of them is left out.

@@ -8,9 +8,9 @@ from errormodel.arrays import FloatArray, IntArray
 from sinscal.filter.integrate import interval_rows
 from sinscal.filter.layout import RigLayout
 from sinscal.frames.attitude import rotation
-from sinscal.model.sensors import Motion, rate_derivative
+from sinscal.model.sensors import Motion
 from sinscal.recording.abrupt import abrupt_rows
-from sinscal.recording.run import AXES, BoolArray, RigRun
+from sinscal.recording.run import AXES, BoolArray, RigRun, rate_derivative
 from sinscal.recording.shocks import violent_rows
 
 # Where north is only sought, steps are put together up to so long and so much of a turn.

@@ -6,8 +6,8 @@ import numpy as np
 
 from errormodel.arrays import FloatArray
 from errormodel.errors import InputError
-from sinscal.model.sensors import Motion, SensorModel, rate_derivative
-from sinscal.recording.run import RigRun
+from sinscal.model.sensors import Motion, SensorModel
+from sinscal.recording.run import RigRun, rate_derivative
 
 
 def compensate_run(

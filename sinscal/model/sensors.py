@@ -19,7 +19,7 @@ from errormodel.fit import derivative
 from errormodel.model import ErrorModel
 from errormodel.record import Record
 from sinscal.model.terms import ANGLE, BASIC, CHANNELS, TIME_OFFSET, ChannelId, Maker, terms_of
-from sinscal.recording.run import AXES
+from sinscal.recording.run import AXES, rate_derivative
 
 T_REF_C = 25.0
 # A chamber's terms see temperature smoothed as in the chamber; a rig's temperature is smooth.
@@ -290,14 +290,6 @@ def ends_of(values: FloatArray, at_start: NDArray[np.bool_]) -> FloatArray:
 def _angle_record(angle: FloatArray, turn: FloatArray) -> Record:
     signals = {"angle_rad": angle, "turn_rad_s": turn}
     return Record(time_s=np.arange(1.0, angle.size + 1.0), signals=signals)
-
-
-def rate_derivative(w: FloatArray, step_s: FloatArray) -> FloatArray:
-    """Return the derivative of step-mean rates by central differences, shape (n, 3)."""
-    if w.shape[0] < 3:
-        return np.zeros_like(w)
-    middle = np.cumsum(step_s) - 0.5 * step_s
-    return np.gradient(w, middle, axis=0)
 
 
 def _slope(time_s: FloatArray, x: FloatArray) -> FloatArray:

@@ -251,3 +251,11 @@ class NavRun:
             temp_c=None if self.temp_c is None else self.temp_c[rows],
             facts=replace(self.facts, axis_of_cycle=kept),
         )
+
+
+def rate_derivative(w: FloatArray, step_s: FloatArray) -> FloatArray:
+    """Return the derivative of step-mean rates by central differences, shape (n, 3)."""
+    if w.shape[0] < 3:
+        return np.zeros_like(w)
+    middle = np.cumsum(step_s) - 0.5 * step_s
+    return np.gradient(w, middle, axis=0)

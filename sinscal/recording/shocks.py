@@ -9,10 +9,9 @@ import numpy as np
 from scipy import ndimage
 
 from errormodel.arrays import FloatArray
-from sinscal.model.sensors import rate_derivative
 from sinscal.recording.abrupt import stands_out
 from sinscal.recording.rows import stretches
-from sinscal.recording.run import AXES, BoolArray, RigRun
+from sinscal.recording.run import AXES, BoolArray, RigRun, rate_derivative
 
 THRESHOLD = 10.0  # sigmas; Gaussian noise of a year at 100 Hz does not reach 7
 SPAN_S = 1.0  # of the running median that a shock stands out from

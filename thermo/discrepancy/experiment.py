@@ -19,7 +19,7 @@ from errormodel.discrepancy.scan import Prepared, View
 from errormodel.errors import InputError
 from thermo.discrepancy.experiment_menu import Item, menu
 from thermo.discrepancy.source import Fitted, ThermalSource
-from thermo.launch.emulated import default_station
+from thermo.planning.default_station import default_station
 from thermo.planning.foresight import followed_by, planned_channel
 from thermo.planning.plan import Plan, make_plan
 from thermo.planning.sequence import Sequence, sequence_toml

@@ -12,9 +12,8 @@ from thermo.discrepancy.baseline import bare_baseline
 from thermo.discrepancy.source import ThermalSource
 from thermo.library.effects import EFFECTS, ThermalEffect
 from thermo.library.passing import MAX_RUNS
-from thermo.planning.foresight import planned_channel
+from thermo.planning.foresight import ASSUMED_NOISE, planned_channel
 from thermo.planning.plan import RunPlan
-from thermo.station.live import ASSUMED_NOISE
 from thermo.twin.planted import plain_accelerometer
 
 

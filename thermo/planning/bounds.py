@@ -13,7 +13,7 @@ from pydantic import BaseModel
 from drivers.devices import CHAMBER_C
 from drivers.station import StationConfig
 from thermo.planning.sequence import Sequence
-from thermo.safety.heartbeat import silence_limit_s
+from thermo.planning.silence import silence_limit_s
 
 PLAUSIBLE_C = (-120.0, 200.0)  # a thermistor that shows more is open, shorted or not connected
 

@@ -13,12 +13,13 @@ from types import TracebackType
 from drivers.devices import SafeResult
 from drivers.errors import FencedError, LinkError
 from drivers.station import ChamberConfig, StationConfig
+from thermo.planning.silence import silence_limit_s
 from thermo.safety.chamber_lock import PATIENCE_S, ChamberHeldError, ChamberLock
 from thermo.safety.commanded_note import Commanded, forget_commanded, note_commanded, read_commanded
 from thermo.safety.guardian import Charge
 from thermo.safety.guardian_process import Guardian
 from thermo.safety.guardian_record import read_record
-from thermo.safety.heartbeat import notify_service, silence_limit_s, watchdog_s
+from thermo.safety.heartbeat import notify_service, watchdog_s
 from thermo.safety.processes import is_alive, process_start, process_state
 
 log = logging.getLogger(__name__)

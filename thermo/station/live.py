@@ -15,6 +15,7 @@ from errormodel.arrays import FloatArray
 from errormodel.filter.kalman import Innovation
 from errormodel.filter.recursive import RecursiveFit, start_recursive
 from errormodel.noise.drift import NoiseModel
+from thermo.planning.foresight import ASSUMED_NOISE
 from thermo.station.outcome import Event, Progress
 from thermo.store.records import ReadingRow
 
@@ -27,8 +28,6 @@ SCALE_C = 50.0
 # 1 mg/g² of K2 and K_ip.
 PRIOR = np.array([1.0] + [0.0] * 9)
 PRIOR_SIGMA = np.array([0.1, 0.05, 0.05, 0.05, 0.05, 0.05, 0.05, 0.05, 1e-3, 1e-3])
-# What a quartz-flexure accelerometer and its meter show together; the batch fit estimates it.
-ASSUMED_NOISE = NoiseModel(white=5e-6, drift=3e-6, drift_tau_s=3600.0)
 MORE_DRIFT = (1.0, 3.0, 10.0)  # times that assumed
 
 

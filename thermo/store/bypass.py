@@ -24,6 +24,7 @@ import sqlalchemy as sa
 from sqlalchemy.exc import SQLAlchemyError
 
 from errormodel.errors import StoreError
+from thermo.planning.silence import READ_PATIENCE_S
 from thermo.store.claims import FileClaim
 from thermo.store.database import StoreAwayError, open_engine
 from thermo.store.log import Operation, SpoolFile, apply, replay, spool_path
@@ -33,8 +34,6 @@ from thermo.store.worker import Worker
 
 log = logging.getLogger(__name__)
 
-# all in real seconds
-READ_PATIENCE_S = 10.0  # for a reading back; as long as between two looks at a waiting chamber
 CHECKPOINT_S = 300.0
 TELL_S = 300.0  # a store that comes and goes is told of once in so long
 

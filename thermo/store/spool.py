@@ -13,12 +13,21 @@ import pandas as pd
 
 from drivers.clock import Clock
 from errormodel.errors import StoreError
-from thermo.store.bypass import READ_PATIENCE_S, BypassedStore, result_of
+from thermo.planning.silence import READ_PATIENCE_S
+from thermo.store.bypass import BypassedStore, result_of
 from thermo.store.database import open_engine, parse_url, shown
 from thermo.store.log import Operation, default_folder, prove_writable
-from thermo.store.records import EventRecord, NewTest, ReadingRow, TestRecord, TestSummary
+from thermo.store.records import (
+    EventRecord,
+    NewTest,
+    ReadingRow,
+    TestRecord,
+    TestSummary,
+    check_status,
+    number_or_null,
+    reading_values,
+)
 from thermo.store.recover import recover
-from thermo.store.rows import check_status, number_or_null, reading_values
 from thermo.store.store import HeldClaim
 from thermo.store.worker import Worker
 

@@ -38,8 +38,12 @@ from thermo.store.records import (
     RunRecord,
     TestRecord,
     TestSummary,
+    check_status,
+    json_text,
+    number_or_null,
+    plain_text,
+    reading_values,
 )
-from thermo.store.rows import check_status, json_text, number_or_null, plain_text, reading_values
 from thermo.store.sqlite import checkpoint
 
 log = logging.getLogger(__name__)
@@ -463,7 +467,7 @@ class Store:
             yield connection
 
     def has_readings(self, values: Sequence[Mapping[str, Any]]) -> bool:
-        """Tell whether readings, as `thermo.store.rows.reading_values` has them, are all there."""
+        """Tell whether readings, as `thermo.store.records.reading_values` has them, are all there."""
         with told_as_store_error(self._where), self._reader.connect() as connection:
             return queries.has_readings(connection, values)
 

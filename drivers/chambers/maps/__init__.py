@@ -16,7 +16,8 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-Address = Annotated[int, Field(ge=0, le=0xFFFF)]
+from drivers.links.barrier import Address, Barrier
+
 WordOrder = Literal["low", "high"]
 _FORMATS = {"int16": ">h", "uint16": ">H", "int32": ">i", "uint32": ">I", "float32": ">f"}
 
@@ -118,19 +119,6 @@ class Register(BaseModel):
     def name_of(self, value: float) -> str:
         """Return what an enumerated value is called, or the number itself."""
         return next((n for n, v in self.values.items() if v == value), f"code {value:g}")
-
-
-class Barrier(BaseModel):
-    """Registers that are always readable, to be asked for in unusual numbers.
-
-    An RTU reply does not say to which question it belongs. A reply of a length that no other
-    question has tells that everything asked before has been dealt with.
-    """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    address: Address
-    counts: tuple[int, int] = (3, 4)
 
 
 class RegisterMap(BaseModel):

@@ -6,7 +6,8 @@ import pandas as pd
 import pytest
 
 from tests.accelbench.program import ran
-from thermo.launch.emulated import default_station, relive_stored
+from thermo.launch.emulated import relive_stored
+from thermo.planning.default_station import default_station
 from thermo.planning.sequence import load_sequence
 from thermo.twin.assembly_stress import BIAS, CYCLE_TRAVEL_C
 from thermo.twin.plant import make_plant

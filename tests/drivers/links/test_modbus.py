@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.chambers.maps import Barrier
 from drivers.emulators.modbus_frames import crc16
 from drivers.errors import LinkError, ProtocolError
+from drivers.links.barrier import Barrier
 from drivers.links.modbus import BadReplyError, check_reply, parse_url
 from drivers.links.modbus_link import ModbusLink, RefusalError
 from drivers.station import LinkConfig

@@ -16,9 +16,9 @@ import tty
 
 import pytest
 
-from drivers.chambers.maps import Barrier
 from drivers.emulators.modbus_frames import crc16, take_rtu
 from drivers.errors import LinkError, ProtocolError
+from drivers.links.barrier import Barrier
 from drivers.links.modbus_link import ModbusLink
 from drivers.station import LinkConfig
 

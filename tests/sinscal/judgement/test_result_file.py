@@ -12,9 +12,9 @@ from sinscal.judgement.judge import Options, calibrate_and_judge
 from sinscal.judgement.result_file import dump_result, make_result, read_result
 from sinscal.model.compensate import compensate_run
 from sinscal.model.priors import make_prior
-from sinscal.model.sensors import rate_derivative, sensor_model
+from sinscal.model.sensors import sensor_model
 from sinscal.model.terms import BASIC
-from sinscal.recording.run import RigFacts, RigRun
+from sinscal.recording.run import RigFacts, RigRun, rate_derivative
 from sinscal.twin.motion import rig_motion
 from sinscal.twin.programme import there_and_back
 from sinscal.twin.simulate import self_heating

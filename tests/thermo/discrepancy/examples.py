@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 
 from tests.thermo.examples import ou
-from thermo.launch.emulated import default_station
+from thermo.planning.default_station import default_station
 from thermo.planning.plan import make_plan
 from thermo.planning.sequence import Sequence
 from thermo.recording.files import RecordedRuns, make_runs

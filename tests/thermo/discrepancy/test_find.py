@@ -10,7 +10,7 @@ from tests.thermo.discrepancy.examples import hidden_runs
 from thermo.discrepancy.find import Discrepancy, find_discrepancy
 from thermo.discrepancy.smallest import smallest_nameable
 from thermo.fitting.fit import TermsFile, fit_runs
-from thermo.launch.emulated import default_station
+from thermo.planning.default_station import default_station
 from thermo.planning.plan import make_plan
 
 # effect hidden, its size in the simulator's terms, the parameter it must come out as, its truth

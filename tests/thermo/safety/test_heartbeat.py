@@ -8,7 +8,8 @@ import pytest
 
 from drivers.station import StationConfig
 from errormodel.io.toml import read_toml
-from thermo.safety.heartbeat import longest_step_s, notify_service, silence_limit_s, watchdog_s
+from thermo.planning.silence import longest_step_s, silence_limit_s
+from thermo.safety.heartbeat import notify_service, watchdog_s
 
 ROOT = Path(__file__).parents[3]
 

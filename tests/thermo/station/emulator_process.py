@@ -3,7 +3,8 @@
 import sys
 
 from drivers.clock import ScaledClock
-from thermo.launch.emulated import default_station, emulated
+from thermo.launch.emulated import emulated
+from thermo.planning.default_station import default_station
 from thermo.planning.sequence import load_sequence
 
 

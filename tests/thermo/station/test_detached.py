@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from thermo.launch.emulated import default_station, run_emulated
+from thermo.launch.emulated import run_emulated
+from thermo.planning.default_station import default_station
 from thermo.planning.plan import make_plan
 from thermo.planning.sequence import load_sequence
 from thermo.station.detached import MOST, DetachedObserver, Worker

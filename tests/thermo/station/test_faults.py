@@ -7,7 +7,8 @@ from drivers.clock import SteppedClock
 from drivers.digitisers.thermistor import ohm_from_temp_c
 from drivers.station import FaultConfig, StationConfig
 from tests.thermo.station.there_and_stay import there_and_stay
-from thermo.launch.emulated import default_station, run_emulated
+from thermo.launch.emulated import run_emulated
+from thermo.planning.default_station import default_station
 from thermo.planning.sequence import parse_sequence
 from thermo.store.store import open_store
 from thermo.twin.plant import make_plant

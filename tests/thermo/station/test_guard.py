@@ -38,13 +38,13 @@ from thermo.launch.real import (
     say_at_once,
     signals_to,
 )
+from thermo.planning.silence import silence_limit_s
 from thermo.safety import guardian_process
 from thermo.safety.chamber_lock import ChamberHeldError, find_holder
 from thermo.safety.commanded_note import Commanded, forget_commanded, note_commanded, read_commanded
 from thermo.safety.guarded_sitting import Guard, take_lock
 from thermo.safety.guardian_record import read_record
 from thermo.safety.guardian_results import result_file
-from thermo.safety.heartbeat import silence_limit_s
 from thermo.safety.processes import process_state
 from thermo.station.outcome import RunControl, TestInterruptedError
 from thermo.store.store import open_store

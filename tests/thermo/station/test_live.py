@@ -4,7 +4,13 @@ import numpy as np
 
 from errormodel.record import Record
 from tests.thermo.examples import NOMINAL, TRUTH, simulate_run
-from thermo.station.live import ASSUMED_NOISE, PRIOR, PRIOR_SIGMA, LiveEstimate, live_columns
+from thermo.planning.foresight import ASSUMED_NOISE
+from thermo.station.live import (
+    PRIOR,
+    PRIOR_SIGMA,
+    LiveEstimate,
+    live_columns,
+)
 from thermo.store.records import ReadingRow
 
 QUADRATIC = {**TRUTH, "k0_t3": 0.0, "k2": 0.0, "k3": 0.0, "k_ip": 0.0}

@@ -23,8 +23,8 @@ from thermo.store import spool as store_spool
 from thermo.store.database import StoreAwayError
 from thermo.store.files import open_existing_store
 from thermo.store.log import Operation, SpoolFile, replay, spool_path
+from thermo.store.records import reading_values
 from thermo.store.recover import recover, spools
-from thermo.store.rows import reading_values
 from thermo.store.spool import SpooledStore, open_spooled_store, patience_s
 from thermo.store.store import EventRecord, NewTest, ReadingRow, Store, open_store
 

@@ -10,7 +10,7 @@ import time
 from tests.thermo.station.campaign.case import SILENCE_S, Case, Process
 from tests.thermo.station.campaign.kinds import PATIENCE_S, Result, begin, end, kind
 from thermo.launch.real import load_station
-from thermo.safety.heartbeat import silence_limit_s
+from thermo.planning.silence import silence_limit_s
 
 # ---- processes
 
