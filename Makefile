@@ -6,7 +6,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: setup demo test acceptance lint lock clean
+.PHONY: setup demo test acceptance lint docs lock clean
 setup: $(STAMP)
 
 $(STAMP): requirements.lock pyproject.toml
@@ -31,6 +31,12 @@ lint: $(STAMP)
 	$(BIN)/ruff format --check .
 	$(BIN)/lint-imports
 	$(BIN)/pyright
+
+# the documents as a site in build/site; a warning or a broken link is an error
+docs: $(STAMP)
+	$(BIN)/python docs/architecture.py docs/pictures/architecture.svg
+	$(BIN)/sphinx-build -W --keep-going -q docs build/site
+	@echo "build/site/README.html"
 
 lock: $(STAMP)
 	$(BIN)/uv pip compile --quiet --generate-hashes --strip-extras --universal --python-version 3.11 --extra dev --no-emit-index-url --no-header -o requirements.lock pyproject.toml

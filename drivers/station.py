@@ -196,7 +196,7 @@ class GuardianConfig(_Section):
     """The second process that makes the chamber safe when the controller is dead or silent.
 
     It acts when the controller is silent for longer than its longest legal step, which follows
-    from the time-outs and retries above (`thermo.planning.silence.longest_step_s`), and this margin.
+    from the time-outs and retries above (`thermo.planning.silence`), and this margin.
     """
 
     # for what is computed between two questions (the verdict on a ramp, the decision on a run-in)

@@ -1,1 +1,1 @@
-"""Combine."""
+"""`combine`."""

@@ -1,1 +1,1 @@
-"""Discrepancy."""
+"""`discrepancy thermal` and `discrepancy rig`."""

@@ -1,1 +1,1 @@
-"""Fit."""
+"""`import`, `fit` and `compensate`."""

@@ -1,1 +1,1 @@
-"""Joint."""
+"""Chamber models and results that rig commands share."""

@@ -1,1 +1,1 @@
-"""Rig calibrate."""
+"""`rig calibrate` and `rig compensate`."""

@@ -1,1 +1,1 @@
-"""Rig flight."""
+"""`rig flight`."""

@@ -1,1 +1,1 @@
-"""Rig plan."""
+"""`rig simulate` and `rig covariance`."""

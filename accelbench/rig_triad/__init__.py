@@ -1,1 +1,1 @@
-"""Rig triad."""
+"""`rig triad`."""

@@ -1,1 +1,1 @@
-"""Run."""
+"""`run`, `runs`, `export`, `emulate`, `make-safe`."""

@@ -1,1 +1,1 @@
-"""Shell."""
+"""What all commands share: console, outputs, pages, plots."""

@@ -1,1 +1,1 @@
-"""Stability."""
+"""`stability`."""

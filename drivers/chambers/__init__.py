@@ -1,1 +1,1 @@
-"""Chambers."""
+"""Chamber controllers: recognition, limits, watch, one class a model."""

@@ -1,1 +1,1 @@
-"""Digitisers."""
+"""Digitisers, and thermistors read by them."""

@@ -1,1 +1,1 @@
-"""Heads."""
+"""Indexing heads."""

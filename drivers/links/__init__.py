@@ -1,1 +1,1 @@
-"""Links."""
+"""Links to instruments: Modbus and serial lines, with their failures."""

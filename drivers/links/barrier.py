@@ -1,4 +1,4 @@
-"""Barrier."""
+"""Questions of unusual length, by which an RTU reply is known to belong to its question."""
 
 from typing import Annotated
 

@@ -1,1 +1,1 @@
-"""Filter."""
+"""Kalman filters: steps, gains, recursive least squares."""

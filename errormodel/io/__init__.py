@@ -1,1 +1,1 @@
-"""Io."""
+"""Files: tables, TOML, atomic writing, memory."""

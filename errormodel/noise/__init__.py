@@ -1,1 +1,1 @@
-"""Noise."""
+"""Noise: its model, whitening, Allan variance."""

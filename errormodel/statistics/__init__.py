@@ -1,1 +1,1 @@
-"""Statistics."""
+"""Statistics: robust estimates, variance components, control charts."""

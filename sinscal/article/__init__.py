@@ -1,1 +1,1 @@
-"""Article."""
+"""Reproduction of the source article's tables and experiments."""

@@ -1,1 +1,1 @@
-"""Calibration."""
+"""Calibration by the filter, with its consistency."""

@@ -1,1 +1,1 @@
-"""Combination."""
+"""Rig and chamber in one filter."""

@@ -1,1 +1,1 @@
-"""Discrepancy."""
+"""Search for the effect that the rig filter's model lacks."""

@@ -1,1 +1,1 @@
-"""Filter."""
+"""Kalman filter of a rig run."""

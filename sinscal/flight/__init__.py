@@ -1,1 +1,1 @@
-"""Flight."""
+"""Navigation in flight, and what a calibration is worth there."""

@@ -1,1 +1,1 @@
-"""Frames."""
+"""Attitude, quaternions, the Earth."""

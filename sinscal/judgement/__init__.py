@@ -1,1 +1,1 @@
-"""Judgement."""
+"""Whether a calibration can be believed, and its result file."""

@@ -1,1 +1,1 @@
-"""Model."""
+"""Error model of a SINS: terms, priors, effects."""

@@ -1,1 +1,1 @@
-"""Planning."""
+"""Covariance analysis of a rig programme."""

@@ -1,1 +1,1 @@
-"""Recording."""
+"""Recorded rig runs: read, checked, mended."""

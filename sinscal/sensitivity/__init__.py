@@ -1,1 +1,1 @@
-"""Sensitivity."""
+"""Effects that a calibration's model lacks: what each would do."""

@@ -1,1 +1,1 @@
-"""Triad."""
+"""Calibration of a triad from rests."""

@@ -1,1 +1,1 @@
-"""Twin."""
+"""Simulated rig runs."""

@@ -52,7 +52,7 @@ def quiet_recipe(**changed) -> Recipe:
 
 
 # it holds the product's answers to hidden truths in the same process; its runs are of the generator
-ASKS_THE_PRODUCT = {"rig_protection.py", "rig_naming.py"}
+ASKS_THE_PRODUCT = {"protection.py", "naming.py"}
 
 
 @pytest.mark.parametrize(

@@ -1,1 +1,1 @@
-"""Compensation."""
+"""Model files, and their application to recordings."""

@@ -1,1 +1,1 @@
-"""Discrepancy."""
+"""Search for the effect that an accelerometer's model lacks."""

@@ -1,1 +1,1 @@
-"""Fitting."""
+"""Fit of recorded runs."""

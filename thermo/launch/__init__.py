@@ -1,1 +1,1 @@
-"""Launch."""
+"""Start of a test on real or emulated instruments; make-safe."""

@@ -1,1 +1,1 @@
-"""Library."""
+"""Terms of accelerometers over temperature, and the effects that they make up."""

@@ -1,1 +1,1 @@
-"""Planning."""
+"""Sequences, and the plans made of them."""

@@ -1,4 +1,4 @@
-"""Default station."""
+"""The emulated station that a sequence runs on when no station file is given."""
 
 from drivers.station import ChamberConfig, DigitiserConfig, HeadConfig, InputConfig, StationConfig
 from errormodel.errors import InputError

@@ -1,4 +1,9 @@
-"""Silence."""
+"""How long the controller of a test may be silent while everything is in order.
+
+The control thread beats between any two calls of an instrument, in every slice of a wait and
+before every write to the chamber. So the longest time between two beats is the longest single call,
+or the longest the store may take. Everything here is in real seconds.
+"""
 
 from drivers.digitisers.keysight_34970a import AUTOZERO, LINE_PERIOD_S, REPLY_BYTES, SETTLE_S
 from drivers.links.modbus import parse_url

@@ -1,1 +1,1 @@
-"""Recording."""
+"""Recorded runs: read, checked, written; other people's logs."""

@@ -1,1 +1,1 @@
-"""Run in."""
+"""Run-in after assembly: relaxation, and when it has ended."""

@@ -1,1 +1,1 @@
-"""Safety."""
+"""Lock, guardian, fence: nobody leaves a chamber alone."""

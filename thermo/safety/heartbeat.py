@@ -1,9 +1,4 @@
-"""How long a controller may be silent, and telling a service manager that it lives.
-
-The control thread beats between any two calls of an instrument, in every slice of a wait and
-before every write to the chamber. So the longest time between two beats is the longest single call,
-or the longest the store may take. Everything here is in real seconds.
-"""
+"""Tell a service manager (systemd) that the controller lives."""
 
 import contextlib
 import os

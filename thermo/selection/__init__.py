@@ -1,1 +1,1 @@
-"""Selection."""
+"""Orders of the model that the readings support."""

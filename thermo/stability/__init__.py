@@ -1,1 +1,1 @@
-"""Stability."""
+"""Run-to-run stability."""

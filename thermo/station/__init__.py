@@ -1,1 +1,1 @@
-"""Station."""
+"""The test itself: ramps, moves, readings, resumption."""

@@ -1,1 +1,1 @@
-"""Store."""
+"""Store of tests: SQLite or PostgreSQL, and the spool before it."""

@@ -467,7 +467,7 @@ class Store:
             yield connection
 
     def has_readings(self, values: Sequence[Mapping[str, Any]]) -> bool:
-        """Tell whether readings, as `thermo.store.records.reading_values` has them, are all there."""
+        """Tell whether readings, as `reading_values` has them, are all there."""
         with told_as_store_error(self._where), self._reader.connect() as connection:
             return queries.has_readings(connection, values)
 

@@ -1,1 +1,1 @@
-"""Twin."""
+"""Physics behind emulated instruments."""

@@ -24,7 +24,10 @@ LONG_PATIENCE_S = 600.0
 def program(*arguments: str | Path, still_s: float | None = None) -> list[str]:
     """The command line; `still_s` is how long it waits in the end for whoever does not read."""
     patience = f"accelbench.shell.surroundings.CLOSE_S = {still_s};" if still_s is not None else ""
-    code = f"import sys, accelbench.shell.surroundings; {patience} import accelbench.cli as c; sys.exit(c.main())"
+    code = (
+        f"import sys, accelbench.shell.surroundings; {patience} "
+        "import accelbench.cli as c; sys.exit(c.main())"
+    )
     return [sys.executable, "-c", code, *map(str, arguments)]
 
 

@@ -1,0 +1,425 @@
+"""What the commands find, from Python: values instead of files.
+
+A function here does what the command of its name does and returns a `Result`: what was found, the
+same document that the command writes with --json, a table and pictures.
+"""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from accelbench.run.dry_run import MountingForeseen
+    from accelbench.shell.plotting import Picture
+    from sinscal.combination.combine import Combination
+    from sinscal.recording.run import RigRun
+    from thermo.compensation.compensate import Compensated
+    from thermo.compensation.model_file import ModelFile
+    from thermo.discrepancy.find import Discrepancy
+    from thermo.fitting.fit import AccelerometerFit
+    from thermo.fitting.terms_wanted import TermsFile
+    from thermo.planning.plan import Plan
+    from thermo.recording.files import RecordedRuns
+    from thermo.run_in.verdict import RunInVerdict
+    from thermo.stability.judge import Stability
+    from thermo.stability.limits import LimitsFile
+
+T_co = TypeVar("T_co", covariant=True)
+Row = Mapping[str, Any]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Result(Generic[T_co]):
+    """What one command found.
+
+    Attributes
+    ----------
+    title : str
+        What it is, in a line.
+    found : object
+        The values as the package below has them, for everything that the table does not hold.
+    document : mapping
+        The document that the command writes with --json.
+    """
+
+    title: str
+    found: T_co
+    document: Mapping[str, Any]
+    rows: Callable[[], Iterable[Row]] = field()
+    pictures: Callable[[], Iterable["Picture"]] = field()
+
+    def __repr__(self) -> str:
+        return f"<{self.title}>"
+
+    def to_dataframe(self) -> "pd.DataFrame":
+        """Return the result's main table, one row a coefficient (or reading, or cycle)."""
+        import pandas as pd
+
+        return pd.DataFrame(list(self.rows()))
+
+    def plot(self) -> tuple["Picture", ...]:
+        """Draw the pictures of the command's report; a notebook shows them, `png` is their bytes.
+
+        Returns
+        -------
+        tuple of Picture
+            Empty where the command's report has none.
+        """
+        return tuple(self.pictures())
+
+
+def no_pictures() -> tuple["Picture", ...]:
+    """Return none: for commands whose report has no picture of what was found alone."""
+    return ()
+
+
+def _coefficients(document: Mapping[str, Any]) -> list[Row]:
+    return [
+        {"serial": one["serial"], **dict(c)}
+        for one in document["accelerometers"]
+        for c in named_rows(one["coefficients"])
+    ]
+
+
+def named_rows(parts: Any) -> list[Row]:
+    """Return the coefficients of a document as rows with a name."""
+    if isinstance(parts, Mapping):
+        return [{"name": name, **dict(content)} for name, content in parts.items()]  # pyright: ignore
+    return list(parts)
+
+
+def fit(
+    runs: "RecordedRuns", *, terms: "TermsFile | None" = None, holdout: Sequence[str] = ()
+) -> "Result[tuple[tuple[AccelerometerFit, ...], ModelFile]]":
+    """Fit each accelerometer's error model over temperature; the twin of `accelbench fit`.
+
+    Parameters
+    ----------
+    runs : RecordedRuns
+        As `read_runs` gives them.
+    terms : TermsFile, optional
+        The terms to fit; by default the data choose them.
+    holdout : sequence of str
+        Runs to predict instead of fitting them.
+
+    Returns
+    -------
+    Result
+        `found` is the fits and the model file that `compensate` takes.
+
+    Raises
+    ------
+    InputError
+        If the runs lack what a fit needs.
+    NotSeparableError
+        If the data cannot separate the terms given.
+    """
+    from accelbench.fit.text import fit_document
+    from thermo.compensation.model_file import make_model_file
+    from thermo.fitting.fit import fit_runs
+
+    fits = fit_runs(runs, terms=terms, holdout=holdout)
+    model = make_model_file(fits)
+    document = fit_document(fits, model)
+
+    def pictures() -> "Iterable[Picture]":
+        from accelbench.fit.figures import pictures as drawn
+
+        return drawn(fits, runs)
+
+    return Result(
+        title=f"temperature model of {', '.join(f.serial for f in fits)}",
+        found=(fits, model),
+        document=document,
+        rows=lambda: _coefficients(document),
+        pictures=pictures,
+    )
+
+
+def compensate(runs: "RecordedRuns", model: "ModelFile") -> "Result[Compensated]":
+    """Apply a model to every reading of recorded runs; the twin of `accelbench compensate`.
+
+    Parameters
+    ----------
+    runs : RecordedRuns
+    model : ModelFile
+        As `read_model` reads it, or the second of what `fit` found.
+
+    Returns
+    -------
+    Result
+        The table is that of the file that the command writes.
+
+    Raises
+    ------
+    InputError
+        If an accelerometer has no model, or its output is not in the model's unit.
+    """
+    from thermo.compensation.compensate import compensate as compensated
+    from thermo.compensation.compensated_files import compensated_frame
+
+    values = compensated(runs, model)
+    return Result(
+        title=f"{len(runs)} readings compensated with model {model.model_id}",
+        found=values,
+        document={"model_id": model.model_id, "readings": len(runs)},
+        rows=lambda: compensated_frame(runs, values).to_dict("records"),  # pyright: ignore
+        pictures=no_pictures,
+    )
+
+
+def stability(
+    runs: "RecordedRuns",
+    *,
+    terms: "TermsFile | None" = None,
+    at_c: Sequence[float] = (),
+    limits: "LimitsFile | None" = None,
+) -> "Result[Stability]":
+    """Compare the runs of one or many accelerometers; the twin of `accelbench stability`.
+
+    Parameters and errors are those of `thermo.stability.judge.judge_stability`.
+
+    Returns
+    -------
+    Result
+    """
+    from accelbench.stability.document import stability_document
+    from thermo.stability.judge import judge_stability
+
+    result = judge_stability(runs, terms=terms, at_c=at_c, limits=limits)
+    document = stability_document(result)
+
+    def pictures() -> "Iterable[Picture]":
+        from accelbench.stability.figures import stability_pictures
+
+        return stability_pictures(result)
+
+    return Result(
+        title=f"stability of {len(result.accelerometers)} accelerometer(s) over "
+        f"{len(result.order)} runs",
+        found=result,
+        document=document,
+        rows=lambda: _coefficients(document),
+        pictures=pictures,
+    )
+
+
+def runin(
+    runs: "RecordedRuns",
+    *,
+    k0_limit_ug: float,
+    k1_limit_ppm: float,
+    confidence: float = 0.95,
+    t_ref_c: float = 25.0,
+) -> "Result[tuple[RunInVerdict, ...]]":
+    """Judge a run-in, each run a cycle: settled, or how many more; the twin of `accelbench runin`.
+
+    Parameters
+    ----------
+    runs : RecordedRuns
+    k0_limit_ug, k1_limit_ppm : float
+        The most that K0 and K1 may still change by.
+    confidence : float
+        That they will not.
+    t_ref_c : float
+        Where they are judged.
+
+    Returns
+    -------
+    Result
+
+    Raises
+    ------
+    InputError
+        If an accelerometer has fewer than three runs, or a run cannot give K0 (or K1) alone.
+    """
+    from accelbench.run_in.text import run_in_document
+    from thermo.planning.run_in_rule import RunInRule
+    from thermo.run_in.cycles import judge_runs
+
+    rule = RunInRule.model_validate(
+        {
+            "k0_limit_ug": k0_limit_ug,
+            "k1_limit_ppm": k1_limit_ppm,
+            "confidence": confidence,
+            "t_ref_c": t_ref_c,
+        }
+    )
+    verdicts = judge_runs(runs, rule)
+    document = {"accelerometers": run_in_document(verdicts)}
+
+    def pictures() -> "Iterable[Picture]":
+        from accelbench.run_in.figures import run_in_pictures
+
+        return run_in_pictures(verdicts)
+
+    return Result(
+        title="run-in: "
+        + ", ".join(f"{v.serial} {'settled' if v.settled else 'not settled'}" for v in verdicts),
+        found=verdicts,
+        document=document,
+        rows=lambda: [
+            {"serial": v["serial"], "cycles": v["cycles"], "settled": v["settled"],
+             "settled_probability": v["settled_probability"], "sentence": v["sentence"]}
+            for v in document["accelerometers"]
+        ],
+        pictures=pictures,
+    )  # fmt: skip
+
+
+def discrepancy(
+    runs: "RecordedRuns",
+    *,
+    model: "TermsFile | Literal['bare'] | None" = None,
+    effects: Path | str | None = None,
+    seed: int = 1,
+) -> "Result[tuple[Discrepancy, ...]]":
+    """Find and name what the model lacks; the twin of `accelbench discrepancy thermal`.
+
+    Parameters
+    ----------
+    runs : RecordedRuns
+    model : TermsFile or "bare", optional
+        The present model; by default the equation that `fit` would choose.
+    effects : path, optional
+        A file with effects of your own beside those of the library.
+    seed : int
+        Of the simulated nulls.
+
+    Returns
+    -------
+    Result
+
+    Raises
+    ------
+    InputError
+        If the runs lack what the search needs.
+    """
+    from accelbench.discrepancy.text import discrepancy_document
+    from thermo.discrepancy.find import find_discrepancy
+    from thermo.library.user import load_effects
+
+    library = load_effects(None if effects is None else Path(effects))
+    found = find_discrepancy(runs, model=model, effects=library, seed=seed)
+    document = discrepancy_document(found)
+
+    def pictures() -> "Iterable[Picture]":
+        from accelbench.discrepancy.figures import draw_factor, draw_gap
+
+        return [draw(one) for one in found for draw in (draw_factor, draw_gap)]
+
+    return Result(
+        title="discrepancy: " + ", ".join(f"{d.serial} {d.verdict}" for d in found),
+        found=found,
+        document=document,
+        rows=lambda: [
+            {
+                "serial": d.serial,
+                "verdict": d.verdict,
+                "effects": ", ".join(e.name for e in d.effects),
+            }
+            for d in found
+        ],
+        pictures=pictures,
+    )
+
+
+def foresee(plan: "Plan") -> "Result[tuple[MountingForeseen, ...]]":
+    """Say what a planned test can separate, and how well; the twin of `accelbench run --dry-run`.
+
+    Parameters
+    ----------
+    plan : Plan
+        As `make_plan` makes it.
+
+    Returns
+    -------
+    Result
+        One row a coefficient and a way of mounting, with its expected sigma.
+    """
+    from accelbench.run.dry_run import foresee_plan, plan_document
+
+    foreseen = foresee_plan(plan)
+    return Result(
+        title=f"{plan.sequence.name}: {plan.runs} run(s), {plan.readings} readings",
+        found=foreseen,
+        document=plan_document(plan, foreseen),
+        rows=lambda: [
+            {"serials": ", ".join(one.serials), "name": e.name, "sigma": e.sigma, "unit": e.unit}
+            for one in foreseen
+            for e in one.coefficients.expected
+        ],
+        pictures=no_pictures,
+    )
+
+
+def combine(
+    run: "RigRun",
+    model: "ModelFile",
+    *,
+    serials: tuple[str, str, str] | None = None,
+    mode: Literal["coarse", "precise"] = "coarse",
+    groups: Sequence[str] = (),
+) -> "Result[Combination]":
+    """Calibrate a SINS with the chamber models of its accelerometers, in one filter.
+
+    The twin of `accelbench combine`.
+
+    Parameters
+    ----------
+    run : RigRun
+        As `rig.read_run` reads it.
+    model : ModelFile
+        The chamber models.
+    serials : tuple of str, optional
+        Those on x, y and z; by default the model's three in their order.
+    mode : "coarse" or "precise"
+        Without or with the rig's angle.
+    groups : sequence of str
+        Further groups of parameters to estimate.
+
+    Returns
+    -------
+    Result
+
+    Raises
+    ------
+    InputError
+        If the model lacks an accelerometer or the run lacks what the mode needs.
+    """
+    import numpy as np
+
+    from accelbench.joint.chambers import chamber_model
+    from accelbench.joint.result_file import make_combined
+    from sinscal.calibration.noise import noise_of_run
+    from sinscal.combination.combine import combine as combine_run
+    from sinscal.judgement.judge import judge
+    from sinscal.model.terms import BASIC
+
+    names = serials or tuple(a.serial for a in model.accelerometers)
+    chambers = [chamber_model(model.of(name)) for name in names]
+    noise = noise_of_run(run, angle=mode == "precise" and run.rig_angle_rad is not None)
+    wanted = (*BASIC, *(g for g in groups if g not in BASIC))
+    made = combine_run(run, chambers, mode, groups=wanted, noise=noise.noise)
+    flagged = [int(np.sum(np.asarray(run.flag)[rows])) for rows in run.cycles]
+    judged = judge(
+        made.calibration, flagged, (), noise_known=not noise.estimated, warnings=noise.warnings
+    )
+    result = make_combined(made, judged, run, chambers)
+    document = result.model_dump(mode="json")
+
+    def pictures() -> "Iterable[Picture]":
+        from accelbench.combine.figures import combine_pictures
+
+        return combine_pictures(made, run, chambers, result)
+
+    return Result(
+        title="rig and chamber combined",
+        found=made,
+        document=document,
+        rows=lambda: named_rows(document["parameters"]),
+        pictures=pictures,
+    )

@@ -1,0 +1,270 @@
+"""What the commands of `accelbench rig` find, from Python."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from accelbench.api import Result, named_rows, no_pictures
+from sinscal.judgement.judge import Options
+from sinscal.model.priors import make_prior
+
+if TYPE_CHECKING:
+    from accelbench.shell.plotting import Picture
+    from sinscal.discrepancy.find import RigDiscrepancy
+    from sinscal.flight.covariance import FlightCovariance, FlightNoise
+    from sinscal.flight.trajectory import FlightPlan
+    from sinscal.judgement.judge import Judged
+    from sinscal.judgement.result_file import RigResult
+    from sinscal.model.larger_model import RigModelFile
+    from sinscal.planning.covariance import RigCovariance
+    from sinscal.recording.run import RigRun
+    from sinscal.triad.rests import RestCalibration
+    from sinscal.twin.rehearse import Rehearsal
+    from sinscal.twin.rig_file import RigFile
+
+
+def calibrate(run: "RigRun", options: Options | None = None) -> "Result[tuple[Judged, RigResult]]":
+    """Calibrate a SINS from its run on a rig, and judge it; the twin of `rig calibrate`.
+
+    Parameters
+    ----------
+    run : RigRun
+        As `read_run` reads it.
+    options : Options, optional
+        By default the coarse mode with the basic groups.
+
+    Returns
+    -------
+    Result
+        `found` is the judged calibration and the content of the result file.
+
+    Raises
+    ------
+    InputError
+        If the run lacks what is asked for.
+    """
+    from accelbench.rig_calibrate.text import calibration_document, verdict
+    from sinscal.judgement.judge import calibrate_and_judge
+    from sinscal.judgement.result_file import make_result
+
+    judged = calibrate_and_judge(run, options or Options())
+    result = make_result(judged, run)
+    document = calibration_document(result)
+
+    def pictures() -> "Iterable[Picture]":
+        from accelbench.rig_calibrate.figures import calibration_pictures
+
+        return calibration_pictures(judged, run, result)
+
+    return Result(
+        title=verdict(result),
+        found=(judged, result),
+        document=document,
+        rows=lambda: named_rows(document["parameters"]),
+        pictures=pictures,
+    )
+
+
+def covariance(
+    programme: "RigFile",
+    mode: Literal["coarse", "precise"] = "coarse",
+    *,
+    groups: Sequence[str] = (),
+) -> "Result[RigCovariance]":
+    """Say before a test how well it will calibrate; the twin of `rig covariance`.
+
+    Parameters
+    ----------
+    programme : RigFile
+        As `read_programme` reads it.
+    mode : "coarse" or "precise"
+        Without or with the rig's angle.
+    groups : sequence of str
+        Groups of errors beside biases, scale errors and misalignments.
+
+    Returns
+    -------
+    Result
+        One row a parameter, with its sigma before and after.
+    """
+    from accelbench.rig_plan.text import analysis_document
+    from sinscal.planning.covariance import rig_covariance
+    from sinscal.twin.rehearse import sensors_with
+
+    angle = mode == "precise"
+    sensors = sensors_with(groups, programme, angle=angle)
+    found = rig_covariance(
+        programme,
+        sensors,
+        make_prior(sensors, None),
+        programme.noise.filtered,
+        angle=angle,
+        azimuth_sigma_rad=programme.azimuth_sigma_rad,
+        warming=programme.warming,
+    )
+    document = analysis_document({mode: found}, {})
+
+    def pictures() -> "Iterable[Picture]":
+        from accelbench.rig_plan.figures import draw_budget, draw_correlations, draw_sigmas
+
+        return [draw(found, mode) for draw in (draw_sigmas, draw_correlations, draw_budget)]
+
+    return Result(
+        title=f"{mode}: {len(found.names)} parameters",
+        found=found,
+        document=document,
+        rows=lambda: named_rows(document[mode]["parameters"]),
+        pictures=pictures,
+    )
+
+
+def simulate(
+    programme: "RigFile", errors: Mapping[str, float] | None = None, *, seed: int = 1
+) -> "Rehearsal":
+    """Simulate the run of a rig programme; the twin of `rig simulate`.
+
+    Parameters
+    ----------
+    programme : RigFile
+    errors : mapping of str to float, optional
+        The sensors' errors, SI; by default those of the programme's file.
+    seed : int
+        Of the noise.
+
+    Returns
+    -------
+    Rehearsal
+        `run` is the rig run, `values` the errors put in.
+    """
+    from sinscal.twin.rehearse import rehearse
+
+    values = dict(programme.errors) if errors is None else dict(errors)
+    return rehearse(programme, values, seed=seed, source="errors")
+
+
+def flight(
+    result: "RigResult",
+    plan: "FlightPlan | None" = None,
+    noise: "FlightNoise | None" = None,
+    *,
+    every_s: float = 10.0,
+) -> "Result[FlightCovariance]":
+    """Say what a calibration is worth in flight; the twin of `rig flight`.
+
+    Parameters
+    ----------
+    result : RigResult
+        As `read_result` reads it, or the second of what `calibrate` found.
+    plan : FlightPlan, optional
+    noise : FlightNoise, optional
+        Of the sensors and of the alignment.
+    every_s : float
+        Between two rows of the table.
+
+    Returns
+    -------
+    Result
+        One row a moment, with the position error.
+    """
+    from sinscal.flight.covariance import FlightNoise, assess, flight_sensitivity
+    from sinscal.flight.trajectory import FlightPlan
+    from sinscal.model.residual_errors import Calibration
+
+    one = Calibration.of_sensors(list(result.names), np.array(result.covariance))
+    made = flight_sensitivity(
+        plan or FlightPlan(), one.names, noise=noise or FlightNoise(), every_s=every_s
+    )
+    found = assess(made, one)
+    return Result(
+        title=f"position error {found.rho_end_m:.0f} m at the end",
+        found=found,
+        document={"rho_m": found.rho_end_m},
+        rows=lambda: [
+            {"time_s": float(t), "rho_m": float(rho)}
+            for t, rho in zip(found.time_s, found.rho_m, strict=True)
+        ],
+        pictures=no_pictures,
+    )
+
+
+def triad(
+    file: Path | str, *, gravity_m_s2: float | None = None, with_temperature: bool = False
+) -> "Result[RestCalibration]":
+    """Calibrate an accelerometer triad from rests in many positions; the twin of `rig triad`.
+
+    Parameters
+    ----------
+    file : path
+        A recorded rig run.
+    gravity_m_s2 : float, optional
+        Local gravity; by default that of the run's site.
+    with_temperature : bool
+        Whether slopes over temperature are fitted.
+
+    Returns
+    -------
+    Result
+
+    Raises
+    ------
+    InputError
+        If the rests do not separate the parameters.
+    """
+    from accelbench.rig_triad.text import triad_document
+    from sinscal.triad.rests import calibrate_at_rest, rests_of_run
+
+    found = calibrate_at_rest(
+        rests_of_run(Path(file), gravity_m_s2), gauge="lower", with_temperature=with_temperature
+    )
+    document = triad_document(found)
+
+    def pictures() -> "Iterable[Picture]":
+        from accelbench.rig_triad.figures import draw_triad
+
+        return [draw_triad(found)]
+
+    return Result(
+        title=f"triad of {file}",
+        found=found,
+        document=document,
+        rows=lambda: named_rows(document["parameters"]),
+        pictures=pictures,
+    )
+
+
+def discrepancy(
+    run: "RigRun", *, present: "RigModelFile | None" = None, seed: int = 1
+) -> "Result[RigDiscrepancy]":
+    """Find and name what the rig filter's model lacks; the twin of `discrepancy rig`.
+
+    Parameters
+    ----------
+    run : RigRun
+    present : RigModelFile, optional
+        The present model; by default the basic errors alone.
+    seed : int
+        Of the simulated nulls.
+
+    Returns
+    -------
+    Result
+
+    Raises
+    ------
+    InputError
+        If the run lacks what the mode needs.
+    """
+    from accelbench.discrepancy.rig_text import rig_document
+    from sinscal.discrepancy.find import find_rig_discrepancy
+
+    found = find_rig_discrepancy(run, present=present, seed=seed)
+    document = rig_document(found)
+    return Result(
+        title=f"discrepancy: {document['verdict']}",
+        found=found,
+        document=document,
+        rows=lambda: [{"verdict": document["verdict"], "effects": document.get("effects")}],
+        pictures=no_pictures,
+    )

@@ -1,0 +1,51 @@
+"""Start the command, when the packages beside this one are its own.
+
+`thermo` and `drivers` are names of other packages on the index as well. One that is installed over
+ours would be imported in its place, and fail somewhere inside.
+"""
+
+import importlib.util
+import sys
+from pathlib import Path
+
+PACKAGES = ("errormodel", "drivers", "thermo", "sinscal")
+MISUSE = 2
+
+
+def foreign_packages(home: Path | None = None) -> dict[str, str]:
+    """Return the packages that are not accelbench's own, with the place where each was found.
+
+    Parameters
+    ----------
+    home : Path, optional
+        The folder that holds accelbench.
+
+    Returns
+    -------
+    dict
+        Empty when all four are beside accelbench; a package that is nowhere has the place "".
+    """
+    home = home or Path(__file__).resolve().parents[1]
+    found: dict[str, str] = {}
+    for name in PACKAGES:
+        spec = importlib.util.find_spec(name)
+        origin = "" if spec is None or spec.origin is None else spec.origin
+        is_own = origin and Path(origin).resolve().parent == home / name
+        # py.typed goes with ours: a package of the same name may have been written over it
+        if not (is_own and (home / name / "py.typed").exists()):
+            found[name] = origin
+    return found
+
+
+def main() -> int:
+    """Run the command; exit code 2 with one line when a package is somebody else's."""
+    for name, place in foreign_packages().items():
+        problem = f"is somebody else's, at {place}" if place else "is missing"
+        sys.stderr.write(
+            f"accelbench: package {name} {problem}; install accelbench in an environment of its "
+            "own: pipx install accelbench\n"
+        )
+        return MISUSE
+    from accelbench.cli import main as run
+
+    return run()
