@@ -249,7 +249,7 @@ def store() -> str:
     parts: list[str] = []
     known = meanings()["store"]
     for table in metadata.sorted_tables:
-        parts.append(f"### {table.name}\n\n{known[table.name]}\n")
+        parts.append(f"## {table.name}\n\n{known[table.name]}\n")
         rows = [_column(table, column, known) for column in table.columns]
         parts.append(markdown(("column", "type", "key", "meaning"), rows) + "\n")
     return "\n".join(parts).rstrip()
