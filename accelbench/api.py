@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
 if TYPE_CHECKING:
     import pandas as pd
 
-    from accelbench.run.dry_run import MountingForeseen
+    from accelbench.commands.run.dry_run import MountingForeseen
     from accelbench.shell.plotting import Picture
     from sinscal.combination.combine import Combination
     from sinscal.recording.run import RigRun
@@ -117,7 +117,7 @@ def fit(
     NotSeparableError
         If the data cannot separate the terms given.
     """
-    from accelbench.fit.text import fit_document
+    from accelbench.commands.fit.text import fit_document
     from thermo.compensation.model_file import make_model_file
     from thermo.fitting.fit import fit_runs
 
@@ -126,7 +126,7 @@ def fit(
     document = fit_document(fits, model)
 
     def pictures() -> "Iterable[Picture]":
-        from accelbench.fit.figures import pictures as drawn
+        from accelbench.commands.fit.figures import pictures as drawn
 
         return drawn(fits, runs)
 
@@ -186,14 +186,14 @@ def stability(
     -------
     Result
     """
-    from accelbench.stability.document import stability_document
+    from accelbench.commands.stability.document import stability_document
     from thermo.stability.judge import judge_stability
 
     result = judge_stability(runs, terms=terms, at_c=at_c, limits=limits)
     document = stability_document(result)
 
     def pictures() -> "Iterable[Picture]":
-        from accelbench.stability.figures import stability_pictures
+        from accelbench.commands.stability.figures import stability_pictures
 
         return stability_pictures(result)
 
@@ -236,7 +236,7 @@ def runin(
     InputError
         If an accelerometer has fewer than three runs, or a run cannot give K0 (or K1) alone.
     """
-    from accelbench.run_in.text import run_in_document
+    from accelbench.commands.run_in.text import run_in_document
     from thermo.planning.run_in_rule import RunInRule
     from thermo.run_in.cycles import judge_runs
 
@@ -252,7 +252,7 @@ def runin(
     document = {"accelerometers": run_in_document(verdicts)}
 
     def pictures() -> "Iterable[Picture]":
-        from accelbench.run_in.figures import run_in_pictures
+        from accelbench.commands.run_in.figures import run_in_pictures
 
         return run_in_pictures(verdicts)
 
@@ -298,7 +298,7 @@ def discrepancy(
     InputError
         If the runs lack what the search needs.
     """
-    from accelbench.discrepancy.text import discrepancy_document
+    from accelbench.commands.discrepancy.text import discrepancy_document
     from thermo.discrepancy.find import find_discrepancy
     from thermo.library.user import load_effects
 
@@ -307,7 +307,7 @@ def discrepancy(
     document = discrepancy_document(found)
 
     def pictures() -> "Iterable[Picture]":
-        from accelbench.discrepancy.figures import draw_factor, draw_gap
+        from accelbench.commands.discrepancy.figures import draw_factor, draw_gap
 
         return [draw(one) for one in found for draw in (draw_factor, draw_gap)]
 
@@ -340,7 +340,7 @@ def foresee(plan: "Plan") -> "Result[tuple[MountingForeseen, ...]]":
     Result
         One row a coefficient and a way of mounting, with its expected sigma.
     """
-    from accelbench.run.dry_run import foresee_plan, plan_document
+    from accelbench.commands.run.dry_run import foresee_plan, plan_document
 
     foreseen = foresee_plan(plan)
     return Result(
@@ -412,7 +412,7 @@ def combine(
     document = result.model_dump(mode="json")
 
     def pictures() -> "Iterable[Picture]":
-        from accelbench.combine.figures import combine_pictures
+        from accelbench.commands.combine.figures import combine_pictures
 
         return combine_pictures(made, run, chambers, result)
 

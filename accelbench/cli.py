@@ -38,7 +38,7 @@ COMMANDS = {
         "discrepancy",
         "Name the effect that a model lacks, and add it.",
     ),
-    "examples": ("shell.examples", "examples", "Write the example files into a folder."),
+    "examples": ("examples", "examples", "Write the example files into a folder."),
     "emulate": ("run.store_commands", "emulate", "Serve the instruments of a station file."),
 }
 

@@ -45,7 +45,7 @@ def calibrate(run: "RigRun", options: Options | None = None) -> "Result[tuple[Ju
     InputError
         If the run lacks what is asked for.
     """
-    from accelbench.rig_calibrate.text import calibration_document, verdict
+    from accelbench.commands.rig_calibrate.text import calibration_document, verdict
     from sinscal.judgement.judge import calibrate_and_judge
     from sinscal.judgement.result_file import make_result
 
@@ -54,7 +54,7 @@ def calibrate(run: "RigRun", options: Options | None = None) -> "Result[tuple[Ju
     document = calibration_document(result)
 
     def pictures() -> "Iterable[Picture]":
-        from accelbench.rig_calibrate.figures import calibration_pictures
+        from accelbench.commands.rig_calibrate.figures import calibration_pictures
 
         return calibration_pictures(judged, run, result)
 
@@ -89,7 +89,7 @@ def covariance(
     Result
         One row a parameter, with its sigma before and after.
     """
-    from accelbench.rig_plan.text import analysis_document
+    from accelbench.commands.rig_plan.text import analysis_document
     from sinscal.planning.covariance import rig_covariance
     from sinscal.twin.rehearse import sensors_with
 
@@ -107,7 +107,7 @@ def covariance(
     document = analysis_document({mode: found}, {})
 
     def pictures() -> "Iterable[Picture]":
-        from accelbench.rig_plan.figures import draw_budget, draw_correlations, draw_sigmas
+        from accelbench.commands.rig_plan.figures import draw_budget, draw_correlations, draw_sigmas
 
         return [draw(found, mode) for draw in (draw_sigmas, draw_correlations, draw_budget)]
 
@@ -212,7 +212,7 @@ def triad(
     InputError
         If the rests do not separate the parameters.
     """
-    from accelbench.rig_triad.text import triad_document
+    from accelbench.commands.rig_triad.text import triad_document
     from sinscal.triad.rests import calibrate_at_rest, rests_of_run
 
     found = calibrate_at_rest(
@@ -221,7 +221,7 @@ def triad(
     document = triad_document(found)
 
     def pictures() -> "Iterable[Picture]":
-        from accelbench.rig_triad.figures import draw_triad
+        from accelbench.commands.rig_triad.figures import draw_triad
 
         return [draw_triad(found)]
 
@@ -256,7 +256,7 @@ def discrepancy(
     InputError
         If the run lacks what the mode needs.
     """
-    from accelbench.discrepancy.rig_text import rig_document
+    from accelbench.commands.discrepancy.rig_text import rig_document
     from sinscal.discrepancy.find import find_rig_discrepancy
 
     found = find_rig_discrepancy(run, present=present, seed=seed)

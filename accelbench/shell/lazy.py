@@ -21,7 +21,7 @@ class LazyGroup(click.Group):
         if cmd_name not in self.list_commands(ctx):
             return None
         module, attribute, _ = self.table[cmd_name]
-        found = getattr(importlib.import_module(f"accelbench.{module}"), attribute)
+        found = getattr(importlib.import_module(f"accelbench.commands.{module}"), attribute)
         assert isinstance(found, click.Command)
         return found
 

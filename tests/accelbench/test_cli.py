@@ -76,7 +76,7 @@ def test_what_goes_wrong_inside_is_one_line_and_shown_in_full_when_asked(
     def broken(*_args: object, **_kwargs: object) -> None:
         raise ZeroDivisionError("a test\nof two lines")
 
-    monkeypatch.setattr("accelbench.fit.command.fit_runs", broken)
+    monkeypatch.setattr("accelbench.commands.fit.command.fit_runs", broken)
     done = call("fit", two_runs)
     assert done.code == 2
     assert done.err.count("\n") == 1
@@ -93,7 +93,7 @@ def test_other_ends(call, monkeypatch, two_runs, raised, code):
     def ends(*_args: object, **_kwargs: object) -> None:
         raise raised
 
-    monkeypatch.setattr("accelbench.fit.command.fit_runs", ends)
+    monkeypatch.setattr("accelbench.commands.fit.command.fit_runs", ends)
     done = call("fit", two_runs)
     assert done.code == code
     said = [line for line in done.err.splitlines() if not line.startswith("accelbench: warning")]
@@ -116,7 +116,7 @@ def test_a_pipe_that_breaks_inside_is_no_reader_that_left(call, monkeypatch, two
     def broken(*_args: object, **_kwargs: object) -> None:
         raise BrokenPipeError(32, "Broken pipe")
 
-    monkeypatch.setattr("accelbench.fit.command.read_with_doubts", broken)
+    monkeypatch.setattr("accelbench.commands.fit.command.read_with_doubts", broken)
     done = call("fit", two_runs)
     assert (done.code, done.err) == (2, "accelbench: pipe: Broken pipe\n")
 

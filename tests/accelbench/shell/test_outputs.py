@@ -9,7 +9,7 @@ import pytest
 
 from accelbench.shell.outputs import check_report_folder, checked_output, prove_writable
 from errormodel.errors import InputError
-from tests.accelbench.run.display_process import ENVIRONMENT
+from tests.accelbench.commands.run.display_process import ENVIRONMENT
 
 MINI = Path(__file__).parents[1] / "mini.toml"
 PROVE = """
@@ -112,5 +112,7 @@ def test_a_test_is_not_begun_when_its_result_has_nowhere_to_go(refused, tmp_path
 def test_nothing_is_computed_for_a_place_that_cannot_be_written(
     refused, two_runs, monkeypatch, option
 ):
-    monkeypatch.setattr("accelbench.fit.command.fit_runs", lambda *_, **__: pytest.fail("fitted"))
+    monkeypatch.setattr(
+        "accelbench.commands.fit.command.fit_runs", lambda *_, **__: pytest.fail("fitted")
+    )
     assert "cannot be written" in refused("fit", two_runs, option, "/proc/x")

@@ -11,7 +11,7 @@ import click
 import pytest
 
 from accelbench.shell.terminal import Terminal
-from tests.accelbench.run.display_process import PATIENCE_S, screen
+from tests.accelbench.commands.run.display_process import PATIENCE_S, screen
 from thermo.station.detached import MOST
 
 

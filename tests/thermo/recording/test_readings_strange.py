@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from accelbench.fit.doubts import run_to_run_sentence
+from accelbench.commands.fit.doubts import run_to_run_sentence
 from errormodel.errors import InputError
 from tests.thermo.fitting.strange_runs import NOMINAL, Setup, campaign
 from tests.thermo.uncertainty.test_doubts import STAGES, fitted, worst

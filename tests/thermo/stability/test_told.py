@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from accelbench.stability.text import coefficient_row, headline, sentences, sigma_limits
+from accelbench.commands.stability.text import coefficient_row, headline, sentences, sigma_limits
 from tests.thermo.stability.examples import SIX, one_run, recorded
 from thermo.stability.judge import judge_stability
 from thermo.stability.limits import CoefficientLimits, LimitsFile

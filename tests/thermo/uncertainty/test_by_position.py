@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from accelbench.fit.doubts import doubt_sentences
+from accelbench.commands.fit.doubts import doubt_sentences
 from tests.thermo.fitting.strange_runs import NOMINAL, Setup, campaign
 from thermo.fitting.fit import TermsFile, fit_runs
 from thermo.recording.files import RecordedRuns, make_runs

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from accelbench.fit.doubts import doubt_sentences, run_to_run_sentence
-from accelbench.fit.text import sentences
+from accelbench.commands.fit.doubts import doubt_sentences, run_to_run_sentence
+from accelbench.commands.fit.text import sentences
 from errormodel.errors import InputError
 from tests.thermo.fitting.strange_runs import TRUE, Setup, campaign
 from thermo.compensation.compensate import compensate

@@ -1,0 +1,138 @@
+"""`accelbench combine`: a SINS calibrated on the rig with its accelerometers' chamber models."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import click
+import numpy as np
+
+from accelbench.commands.combine.text import combined_text
+from accelbench.commands.rig_calibrate.options import asked_groups
+from accelbench.joint.chambers import chamber_model, three_serials
+from accelbench.joint.result_file import CombinedResult, make_combined
+from accelbench.shell.console import emit
+from accelbench.shell.outputs import (
+    REPORT_NAME,
+    check_results,
+    force_option,
+    json_option,
+    with_sidecars,
+)
+from accelbench.shell.surroundings import show_warnings_at_once
+from errormodel.io.atomic import write_files
+from sinscal.calibration.noise import noise_of_run
+from sinscal.combination.combine import Combination
+from sinscal.combination.combine import combine as combine_run
+from sinscal.judgement.judge import Judged, judge
+from sinscal.judgement.result_file import dump_result
+from sinscal.model.chamber import ChamberModel
+from sinscal.model.priors import read_priors
+from sinscal.model.terms import BASIC
+from sinscal.recording.files import read_rig_run
+from sinscal.recording.run import RigRun
+from thermo.compensation.model_file import ModelFile, read_model
+
+FAILED = 1
+
+
+@click.command()
+@click.option("--thermal", type=Path, required=True, help="MODEL.json of fit.")
+@click.option("--rig", type=Path, required=True, help="DATA.csv: the rig run, with temperatures.")
+@click.option("--accelerometers", metavar="SX,SY,SZ",
+              help="Serial numbers on x, y, z; by default the model file's three, in order.",
+              )  # fmt: skip
+@click.option("--mode", type=click.Choice(["coarse", "precise"]), default="coarse",
+              help="Raw sensors; raw sensors and the rig's angle.")  # fmt: skip
+@click.option(
+    "--groups", multiple=True, metavar="NAME", help="Also estimate, e.g. lever_arm; repeatable."
+)
+@click.option("--priors", type=Path, help="PRIORS.toml: other sigmas and means beforehand.")
+@click.option("--turn-on-ug", type=click.FloatRange(min=0.0), default=0.0,
+              help="Sigma by which K0 may have changed since the chamber, µg.")  # fmt: skip
+@click.option("--turn-on-ppm", type=click.FloatRange(min=0.0), default=0.0,
+              help="Sigma by which K1 may have changed since the chamber, ppm.")  # fmt: skip
+@click.option("--out", type=Path, help="RESULT.json to write: the compensation file for flight.")
+@click.option("--report", type=Path, help="Folder for the report and its figures.")
+@force_option
+@json_option
+def combine(
+    thermal: Path,
+    rig: Path,
+    accelerometers: str | None,
+    mode: str,
+    groups: tuple[str, ...],
+    priors: Path | None,
+    turn_on_ug: float,
+    turn_on_ppm: float,
+    out: Path | None,
+    report: Path | None,
+    force: bool,
+    as_json: bool,
+) -> int:
+    """Calibrate a SINS that warms itself, rig and chamber correcting each other.
+
+    Exit code 1 when rig and chamber contradict each other or the iteration does not come to rest.
+    In Python: sinscal.combination.combine.combine.
+    """
+    inputs = [thermal, *with_sidecars([rig]), *([priors] if priors else [])]
+    check_results(out, report, inputs, force=force)
+    asked = [g for g in asked_groups(groups) if g not in BASIC]
+    chambers = _chambers(read_model(thermal), accelerometers)
+    known = read_priors(priors) if priors else None
+    run = read_rig_run(rig)
+    show_warnings_at_once()
+    noise = noise_of_run(run, angle=mode == "precise" and run.rig_angle_rad is not None)
+    made = combine_run(
+        run,
+        chambers,
+        "precise" if mode == "precise" else "coarse",
+        groups=(*BASIC, *asked),
+        priors=known,
+        turn_on={"k0": 1e-6 * turn_on_ug, "k1": 1e-6 * turn_on_ppm},
+        noise=noise.noise,
+        tell=lambda text: click.echo(text, err=True),
+    )
+    flag = np.asarray(run.flag)
+    judged = judge(
+        made.calibration,
+        [int(np.sum(flag[rows])) for rows in run.cycles],
+        (),
+        noise_known=not noise.estimated,
+        warnings=noise.warnings,
+    )
+    result = make_combined(made, judged, run, chambers)
+    document, text = result.model_dump(mode="json"), list(combined_text(result))
+    written: list[tuple[Path, bytes]] = []
+    if out is not None:
+        written.append((out, dump_result(result).encode()))
+        document["out"] = str(out)
+        text.append(f"result file: {out}")
+    if report is not None:
+        written += _report_files(made, judged, run, chambers, result, report)
+        document["report"] = str(report / REPORT_NAME)
+        text.append(f"report: {report / REPORT_NAME}")
+    write_files(written)
+    emit(document, text, as_json=as_json)
+    failed = bool(made.test.contradictions) or not made.calibration.converged
+    return FAILED if failed else 0
+
+
+def _report_files(
+    made: Combination,
+    judged: Judged,
+    run: RigRun,
+    chambers: Sequence[ChamberModel],
+    result: CombinedResult,
+    folder: Path,
+) -> list[tuple[Path, bytes]]:
+    from accelbench.commands.combine.page import render_combined  # matplotlib takes its second
+
+    pages = render_combined(made, judged, run, chambers, result)
+    return [(folder / name, content) for name, content in pages.items()]
+
+
+def _chambers(model: ModelFile, asked: str | None) -> list[ChamberModel]:
+    """Return the chamber models of x, y, z."""
+    names = asked or ",".join(a.serial for a in model.accelerometers)
+    serials = three_serials(names)
+    return [chamber_model(model.of(serial)) for serial in serials]

@@ -1,0 +1,38 @@
+"""The report of a combined calibration: what joining rig and chamber said, then the rig's own."""
+
+from collections.abc import Sequence
+
+from accelbench.commands.combine.figures import combine_pictures
+from accelbench.commands.combine.text import ALL_COLUMNS, chamber_lines, combined_rows
+from accelbench.commands.rig_calibrate.page import calibration_sections
+from accelbench.joint.result_file import CombinedResult
+from accelbench.shell.outputs import REPORT_NAME
+from accelbench.shell.page import Page, ReportTable, Section, render_page
+from sinscal.combination.combine import Combination
+from sinscal.judgement.judge import Judged
+from sinscal.model.chamber import ChamberModel
+from sinscal.recording.run import RigRun
+
+
+def render_combined(
+    made: Combination,
+    judged: Judged,
+    run: RigRun,
+    chambers: Sequence[ChamberModel],
+    result: CombinedResult,
+) -> dict[str, bytes]:
+    """Return the report's files by name, without writing any."""
+    told = tuple(chamber_lines(result))
+    mounted = ", ".join(f"{one.serial} on {a}" for a, one in result.accelerometers.items())
+    first = Section(
+        title="Rig and chamber",
+        lines=(f"Accelerometers: {mounted}.",),
+        points=told,
+        pictures=tuple(combine_pictures(made, run, chambers, result)),
+    )
+    table = ReportTable(title="", columns=ALL_COLUMNS, rows=tuple(combined_rows(result)))
+    page = Page(
+        title=f"Rig and chamber combined, {result.mode}, of {result.run.source}",
+        sections=(first, *calibration_sections(judged, run, result, table)),
+    )
+    return render_page(page, REPORT_NAME)

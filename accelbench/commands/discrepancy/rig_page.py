@@ -1,0 +1,82 @@
+"""The report of a verdict on a rig run: one page, and its figures."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from accelbench.commands.discrepancy.rig_figures import draw_cycles, draw_innovations
+from accelbench.commands.discrepancy.rig_text import rig_lines, told_noise, told_parameters
+from accelbench.commands.discrepancy.text import VERDICT_WORDS
+from accelbench.commands.discrepancy.verdict_page import VerdictPage, render_verdicts
+from accelbench.commands.rig_calibrate.text import TOLD_IN
+from accelbench.shell.console import number
+from sinscal.discrepancy.find import RigDiscrepancy
+from sinscal.model.priors import told_group
+from sinscal.recording.run import RigRun
+
+CONVENTIONS = (
+    "Innovations are what the filter's measurements differ by from its forecast. Over their sigmas "
+    "they are white when nothing is missing; what an effect would leave in them is had by sending "
+    "it through the filter's gains, and the effect named has joined a filter run anew.",
+    "The rows rig_axis_1 and rig_axis_2 are across the rig's axis: their noise is a bound, and the "
+    "second to fourth harmonics of the rotation in them are the bearing's.",
+    "Held out: effects are chosen anew without the cycle, and their sizes taken from the other "
+    "cycles; a size that they do not show stays zero. Noise alone is what the noise measured "
+    "would leave.",
+)
+
+
+def render_rig_discrepancy(d: RigDiscrepancy, run: RigRun) -> dict[str, bytes]:
+    """Return a report's files by name, without writing any.
+
+    Parameters
+    ----------
+    d : RigDiscrepancy
+    run : RigRun
+        What it was found in.
+
+    Returns
+    -------
+    dict of str to bytes
+    """
+    name = Path(run.source).name
+    page = VerdictPage(
+        name=f"{name}, {d.source.mode}",
+        verdict=VERDICT_WORDS[d.verdict],
+        lines=tuple(rig_lines(d)),
+        effects=tuple(told_parameters(d)),
+        pictures=(draw_innovations(d), draw_cycles(d)),
+        rivals=tuple(_rivals(d)),
+        noise=_noise(d),
+    )
+    cycles = [f"{name}, {len(run.cycles)} cycles"]
+    return render_verdicts("What is missing from the model of a SINS", cycles, [page], CONVENTIONS)
+
+
+def _rivals(d: RigDiscrepancy) -> Iterator[tuple[str, str, str, str]]:
+    """Yield every effect of the library with how it was judged."""
+    below = dict(d.result.slots[0].rivals) if d.effects else {}
+    alias = {n for s in d.alias_sets for n in s}
+    named = {e.effect.name for e in d.effects}
+    for effect in d.source.effects:
+        name = effect.name
+        size = "–"
+        if name in d.smallest_nameable:
+            value, si = d.smallest_nameable[name]
+            group = name if name in TOLD_IN else told_group(name)
+            unit, divisor = TOLD_IN.get(group, (si, 1.0))
+            size = f"{number(value / divisor, 2)} {unit}"
+        if name in named:
+            judged = "named"
+        elif name in alias:
+            judged = "cannot be told from the one named"
+        elif d.source.holds(effect):
+            judged = "in the present model"
+        elif name in d.invisible:
+            judged = "cannot be seen in this run"
+        else:
+            judged = "excluded" if d.effects else "not called for"
+        yield name, number(below.get(name), 3), judged, size
+
+
+def _noise(d: RigDiscrepancy) -> str:
+    return f"measured in this run: {'; '.join(told_noise(n) for n in d.noise)}"

@@ -1,0 +1,106 @@
+"""The report of a rig calibration: one HTML file and its pictures."""
+
+from accelbench.commands.rig_calibrate.figures import calibration_pictures
+from accelbench.commands.rig_calibrate.text import (
+    COLUMNS,
+    observability_lines,
+    parameter_rows,
+    protection_lines,
+    sentences,
+    verdict,
+)
+from accelbench.shell.console import number
+from accelbench.shell.outputs import REPORT_NAME
+from accelbench.shell.page import Page, ReportTable, Section, render_page
+from sinscal.judgement.judge import Judged
+from sinscal.judgement.result_file import ResultContent
+from sinscal.recording.run import NavRun, RigRun
+
+
+def render_calibration(
+    judged: Judged, run: RigRun | NavRun, result: ResultContent
+) -> dict[str, bytes]:
+    """Return the report's files by name, without writing any.
+
+    Parameters
+    ----------
+    judged : Judged
+    run : RigRun or NavRun
+        What was calibrated with.
+    result : ResultContent
+        Made of both.
+    """
+    estimates = ReportTable(title="", columns=COLUMNS, rows=tuple(parameter_rows(result)))
+    title = f"Rig calibration, {result.mode}, of {result.run.source}"
+    sections = calibration_sections(judged, run, result, estimates)
+    return render_page(Page(title=title, sections=sections), REPORT_NAME)
+
+
+def calibration_sections(
+    judged: Judged, run: RigRun | NavRun, result: ResultContent, estimates: ReportTable
+) -> tuple[Section, ...]:
+    """Return the sections of a calibration's report; `estimates` is the table of parameters."""
+    drawn, *others = calibration_pictures(judged, run, result)
+    return (
+        Section(title="Verdict", lines=(verdict(result),), points=tuple(sentences(result))[1:]),
+        _warnings(result),
+        Section(
+            title="Estimates",
+            lines=("Measured = true + error; all parameters are errors of the sensors.",),
+            table=estimates,
+            words=(0, 1),
+            pictures=(drawn,),
+        ),
+        *_protection(result),
+        Section(title="What the data show", points=tuple(observability_lines(result))),
+        Section(title="Pictures", pictures=tuple(others)),
+        _refused(result),
+        _source(result),
+        Section(
+            title="How to apply it",
+            points=(result.formula, result.signs, result.axes, result.units, result.gauge),
+        ),
+    )
+
+
+def _protection(result: ResultContent) -> tuple[Section, ...]:
+    if not result.protection:
+        return ()
+    said, *points = protection_lines(result)
+    lines = (f"{said[0].upper()}{said[1:]}.",)
+    return (Section(title="Protection levels", lines=lines, points=tuple(points)),)
+
+
+def _warnings(result: ResultContent) -> Section:
+    if not result.warnings:
+        return Section(title="Warnings", lines=("None.",))
+    return Section(title="Warnings", points=result.warnings)
+
+
+def _refused(result: ResultContent) -> Section:
+    listed = result.refused["measurements"]
+    rows = tuple(
+        (str(r["cycle"]), r["channel"], f"{r['time_s']:.1f}", f"{r['sigmas']:+.1f}") for r in listed
+    )
+    flagged = ", ".join(str(n) for n in result.refused["flagged_rows_by_cycle"])
+    return Section(
+        title="Refused measurements",
+        lines=(f"{result.refused['n']} refused by the gate; rows flagged by cycle: {flagged}.",),
+        table=ReportTable(title="", columns=("cycle", "row", "time, s", "sigmas"), rows=rows)
+        if rows
+        else None,
+        words=(1,),
+    )
+
+
+def _source(result: ResultContent) -> Section:
+    run, noise = result.run, result.noise
+    points = [
+        f"{run.source}: {run.rows} rows in {run.cycles} cycle(s), SHA-256 {run.digest}",
+        f"latitude {run.latitude_deg:.4f}°, height {number(run.height_m)} m, "
+        f"gravity {result.gravity_m_s2:.6f} m/s²; reference temperature {result.t_ref_c:g} °C",
+        "noise used: " + ", ".join(f"{k} {v:.3g}" for k, v in noise.items() if v),
+        f"result {result.result_id}, format {result.format} {result.format_version}, made by "
+        f"{result.software}",
+    ]
+    return Section(title="Source", points=tuple(points))

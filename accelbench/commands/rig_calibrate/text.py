@@ -1,0 +1,237 @@
+"""A rig calibration told: as the JSON of `accelbench rig calibrate`, and in words."""
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+from rich.console import RenderableType
+
+from accelbench.commands.fit.text import value_and_sigma
+from accelbench.shell.console import number, table
+from sinscal.frames.earth import ARCMIN, DEG_PER_H
+from sinscal.judgement.result_file import ResultContent
+from sinscal.model.effects import BY_NAME
+from sinscal.model.priors import told_group
+
+G = 9.80665
+# group: the unit it is told in, and how many SI units that is
+TOLD_IN: Mapping[str, tuple[str, float]] = {
+    "gyro_bias": ("°/h", DEG_PER_H),
+    "gyro_bias_step": ("°/h", DEG_PER_H),
+    "gyro_bias_drift": ("°/h", DEG_PER_H),
+    "gyro_scale": ("ppm", 1e-6),
+    "gyro_misalignment": ("′", ARCMIN),
+    "gyro_g_sensitivity": ("°/h/g", DEG_PER_H / G),
+    "gyro_scale_asymmetry": ("ppm", 1e-6),
+    "gyro_temperature_drift": ("°/h/°C", DEG_PER_H),
+    "accel_bias": ("µg", 1e-6 * G),
+    "accel_bias_step": ("µg", 1e-6 * G),
+    "accel_bias_drift": ("µg", 1e-6 * G),
+    "accel_scale": ("ppm", 1e-6),
+    "accel_misalignment": ("′", ARCMIN),
+    "accel_second_order": ("µg/g²", 1e-6 / G),
+    "lever_arm": ("mm", 1e-3),
+    "accel_delay": ("ms", 1e-3),
+    "accel_temperature_bias": ("µg/°C", 1e-6 * G),
+    "accel_temperature_scale": ("ppm/°C", 1e-6),
+    "rig_time_offset": ("ms", 1e-3),
+    "rig_mount": ("′", ARCMIN),
+    "rig_angle_harmonic": ("″", ARCMIN / 60.0),
+    "rig_angle_harmonic_2": ("″", ARCMIN / 60.0),
+}
+WELL_PROTECTED = 2.0  # times the noise's share: below it no effect is worth telling
+LEVELS = (
+    "protection level: the largest error, of the worst parameter of a group, that an effect "
+    "missing from the model can cause in a run that passes (all but 1 % of them), and three sigmas "
+    "more"
+)
+VOID = "as tests failed, the levels below hold only once what is wrong is mended"
+SHOWN = 10  # refused measurements in words
+TESTS = {
+    "converged": "the iteration came to rest",
+    "nis": "innovations are as large as their sigmas say",
+    "white": "innovations are white",
+    "no_slow_drift": "innovations show no slow drift",
+    "within_bound": "errors that have a bound instead of a sigma are within it",
+    "held_out": "a cycle held out agrees with the others",
+    "prior": "the errors are no larger than expected beforehand",
+    "complete": "the innovations show no effect that the model lacks",
+    "no_contradiction": "nothing stated contradicts the run",
+}
+
+
+def calibration_document(result: ResultContent) -> dict[str, Any]:
+    """Return what `rig calibrate --json` writes: the result file's content."""
+    return result.model_dump(mode="json")
+
+
+def verdict(result: ResultContent) -> str:
+    """Say in a line whether the calibration can be trusted."""
+    tests: Mapping[str, bool | None] = result.consistency["tests"]
+    failed = [TESTS[name] for name, ok in tests.items() if ok is False]
+    if not failed and result.protection and (exceeded := result.protection["exceeded"]):
+        return (
+            f"failed: protection level above the limit: {', '.join(exceeded)}; all tests passed, "
+            "but they would not show an effect that is missing"
+        )
+    if not failed:
+        not_made = [TESTS[name] for name, ok in tests.items() if ok is None]
+        rest = f" (not tested: {'; '.join(not_made)})" if not_made else ""
+        return f"passed: the calibration is consistent with its sigmas{rest}"
+    missing = {"nis", "white", "held_out", "complete", "converged"} & {
+        n for n, ok in tests.items() if ok is False
+    }
+    asks = "; `accelbench discrepancy rig` looks for what the model lacks"
+    hint = asks if missing and result.mode != "navigation" else ""
+    return f"failed: it does not hold that {'; that '.join(failed)}{hint}"
+
+
+def sentences(result: ResultContent) -> Iterator[str]:
+    """Tell the verdict and what it rests on, a sentence a line."""
+    c = result.consistency
+    yield verdict(result)
+    lo, hi = c["nis_interval"]
+    yield (
+        f"NIS {c['nis_mean']:.3f} over {c['n']} innovations, expected {lo:.3f} to {hi:.3f} "
+        f"(99.9 % of right calibrations)"
+    )
+    channels = c["channels"].items()
+    least = min(channels, key=lambda pair: min(pair[1]["white_p"], pair[1]["slow_drift_p"]))
+    yield (
+        f"whiteness of the innovations: the least p-value is {least[0]}'s, "
+        f"{min(least[1]['white_p'], least[1]['slow_drift_p']):.2g}"
+    )
+    if bounded := c["bounded"]:
+        yield (
+            f"rows that have a bound instead of a sigma: NIS {number(bounded['nis_mean'], 3)}, "
+            f"at most {bounded['nis_interval'][1]:.3f} allowed"
+        )
+    for held in c["held_out"]:
+        line = (
+            f"cycle {held['cycle']} held out: taking it in moves the estimates by χ² "
+            f"{held['shift_chi2']:.1f} with {held['dof']} degrees of freedom, "
+            f"p {held['p_value']:.2g}"
+        )
+        if held["force_residual_before_m_s2"] is not None:
+            line += (
+                f"; force left in it {number(held['force_residual_before_m_s2'], 3)} m/s² before, "
+                f"{number(held['force_residual_after_m_s2'], 3)} m/s² by the other cycles"
+            )
+        yield line
+    for k, north in enumerate(result.north):
+        yield (
+            f"cycle {k + 1}: azimuth of the rotation axis by gyrocompassing alone "
+            f"{np.mod(north['azimuth_deg'], 360.0):.3f}° ± {north['sigma_deg']:.2g}°"
+        )
+    flagged = result.refused["flagged_rows_by_cycle"]
+    yield f"rows flagged by cycle: {', '.join(str(n) for n in flagged)}"
+    yield from refused_lines(result)
+    if result.not_tested:
+        yield f"not tested: {'; '.join(result.not_tested)}"
+
+
+def refused_lines(result: ResultContent) -> Iterator[str]:
+    """Tell the measurements that the gate refused."""
+    n, listed = result.refused["n"], result.refused["measurements"]
+    if not n:
+        yield "no measurement was refused"
+        return
+    yield f"{n} measurement(s) refused:"
+    for one in listed[:SHOWN]:
+        yield (
+            f"  cycle {one['cycle']}, {one['time_s']:.1f} s, {one['channel']}: "
+            f"{one['sigmas']:+.1f} sigmas"
+        )
+    if n > SHOWN:
+        yield f"  and {n - SHOWN} more"
+
+
+def observability_lines(result: ResultContent) -> Iterator[str]:
+    """Tell what the data do not show."""
+    o = result.observability
+    values = o["singular_values"]
+    yield (
+        f"information against the prior: singular values from {number(max(values), 3)} "
+        f"to {number(min(values), 3)}"
+    )
+    if o["not_observed"]:
+        yield f"not observed (sigma hardly below the prior's): {', '.join(o['not_observed'])}"
+    for one in o["not_told_apart"]:
+        parts = " ".join(f"{w:+.2f}·{n}" for n, w in one.items()).replace("-", "−")
+        yield f"not told apart: {parts} (in sigmas of the prior)"
+    for pair in o["correlated"][:SHOWN]:
+        yield f"{pair['names'][0]} and {pair['names'][1]} correlate by {pair['correlation']:+.3f}"
+    if len(o["correlated"]) > SHOWN:
+        yield f"and {len(o['correlated']) - SHOWN} more pairs above 0.9"
+
+
+def protection_lines(result: ResultContent) -> Iterator[str]:
+    """Tell the protection level of each group: how large, by what, and what would lower it."""
+    if not result.protection:
+        return
+    limits: Mapping[str, float] = result.protection["limits"]
+    yield LEVELS
+    if not result.consistency["passed"]:
+        yield VOID
+    for group, (name, one) in worst_levels(result).items():
+        unit, size = TOLD_IN.get(group, (result.parameters[name].unit, 1.0))
+        line = f"protection level of {group}: {number(one['total'] / size, 2)} {unit}"
+        if group in limits:
+            over = "above" if group in result.protection["exceeded"] else "within"
+            line += f", {over} the limit of {number(limits[group] / size, 3)} {unit}"
+        line += f"; three sigmas are {number(one['covariance'] / size, 2)} {unit}"
+        if one["total"] > WELL_PROTECTED * one["covariance"]:
+            line += (
+                f", the rest is what {one['worst']} could do unseen; to lower it: "
+                f"{remedy(one['worst'])}"
+            )
+        yield line
+
+
+def worst_levels(result: ResultContent) -> dict[str, tuple[str, Mapping[str, Any]]]:
+    """Return by group the parameter of the largest protection level, and that level."""
+    out: dict[str, tuple[str, Mapping[str, Any]]] = {}
+    levels: Mapping[str, Any] = result.protection["parameters"] if result.protection else {}
+    for name, one in levels.items():
+        group = told_group(name)
+        if group not in out or one["total"] > out[group][1]["total"]:
+            out[group] = (name, one)
+    return out
+
+
+def remedy(effect: str) -> str:
+    """Return what would make an effect show, or keep it from doing harm."""
+    known = BY_NAME[effect]
+    return known.experiment + (f", or --groups {effect}" if known.groups else "")
+
+
+COLUMNS = ("parameter", "unit", "value ± 1 σ", "prior σ", "σ / prior")
+
+
+def parameter_rows(result: ResultContent) -> Iterator[tuple[str, ...]]:
+    """Yield a row for each parameter, in the unit people tell it in."""
+    for name, one in result.parameters.items():
+        unit, size = TOLD_IN.get(told_group(name), (one.unit, 1.0))
+        prior = result.prior[name].sigma
+        ratio = number(one.sigma / prior, 2) if prior > 0 else "fixed"
+        value = value_and_sigma(one.value / size, one.sigma / size)
+        yield name, unit, value, number(prior / size, 3), ratio
+
+
+def calibration_text(result: ResultContent) -> Iterator[RenderableType]:
+    """Tell a calibration in words and a table."""
+    made = table(*COLUMNS, right=COLUMNS[2:])
+    for row in parameter_rows(result):
+        made.add_row(*row)
+    yield made
+    yield ""
+    yield from judgement_lines(result)
+
+
+def judgement_lines(result: ResultContent) -> Iterator[str]:
+    """Tell how far a calibration can be trusted: its tests, what it shows, its warnings."""
+    yield from sentences(result)
+    yield from protection_lines(result)
+    yield from observability_lines(result)
+    for warning in result.warnings:
+        yield f"warning: {warning}"

@@ -1,0 +1,145 @@
+"""The report of run-to-run stability: one HTML file and its pictures."""
+
+from collections.abc import Iterator
+
+from accelbench.commands.stability.document import definition
+from accelbench.commands.stability.figures import (
+    MAX_ACCELEROMETERS,
+    draw_overview,
+    stability_pictures,
+)
+from accelbench.commands.stability.text import (
+    COLUMNS,
+    LIMITS_TEXT,
+    coefficient_row,
+    component_lines,
+    headline,
+    limits_text,
+    sentences,
+    sigma_text,
+    summary_row,
+)
+from accelbench.shell.outputs import REPORT_NAME
+from accelbench.shell.page import (
+    SOURCE_COLUMNS,
+    Page,
+    ReportTable,
+    Section,
+    render_page,
+    source_rows,
+)
+from accelbench.shell.plotting import Picture
+from thermo.recording.files import RecordedRuns
+from thermo.stability.components import FACTORS
+from thermo.stability.judge import AccelerometerStability, Stability
+
+CONVENTIONS = (
+    "1 σ between runs is the standard deviation of the coefficient itself; what the estimation of "
+    "each run adds (its own sigma, white noise and drift) is taken out.",
+    "Limits of a sigma hold for few runs (law of the weighted sum of squares, the sigmas of the "
+    "estimation being estimates too); those of max − min and of curve distances hold in 95 % of "
+    "cases or more. A sigma that the runs do not show is written as its upper limit (<). "
+    f"{LIMITS_TEXT[0].upper()}{LIMITS_TEXT[1:]}.",
+    "An accelerometer fails when a limit is exceeded beyond chance: one within all its limits is "
+    "failed in 5 % of cases at most. Pass means shown to be within; undecided, that these runs "
+    "cannot tell.",
+    "The trend's p-value says how often runs without a trend show as steep a one, in time where "
+    "the starts are recorded, else from run to run.",
+    "Spread is the rms of the K0 curves of runs and directions about their mean, as likely too "
+    "high as too low for any number of runs; bend, the rms of that mean about a straight line. "
+    "The rank is by spread. A grade is given when the upper limits keep it; a better one in "
+    "brackets is one that the runs do not exclude.",
+    "What all accelerometers did together in a run is the station's and not counted as their own.",
+)
+
+
+def render_stability(result: Stability, runs: RecordedRuns) -> dict[str, bytes]:
+    """Return the report's files by name, without writing any.
+
+    Parameters
+    ----------
+    result : Stability
+    runs : RecordedRuns
+        What was compared.
+    """
+    serials = ", ".join(a.serial for a in result.accelerometers)
+    sections = (*_opening(result), *_details(result), *_closing(runs))
+    page = Page(title=f"Run-to-run stability of {serials:.80}", sections=sections)
+    return render_page(page, REPORT_NAME)
+
+
+def _opening(result: Stability) -> Iterator[Section]:
+    ranked = sorted(result.accelerometers, key=lambda a: a.rank)
+    names = ("rank", "serial", "verdict", "grade", "runs", "K0 1σ, µg", "limits")
+    names += ("K0 max−min, µg", "K1 1σ, ppm", "curves rms, µg", "curves max, µg")
+    yield Section(
+        title="Result",
+        lines=tuple(line.strip() for line in headline(result)),
+        table=ReportTable(
+            title="", columns=names, rows=tuple(tuple(summary_row(a)) for a in ranked)
+        ),
+        words=(0, 1, 2, 3),
+        pictures=(draw_overview(result),),
+    )
+    yield Section(
+        title="What repeatability means here",
+        lines=(definition(result),),
+    )
+
+
+def _details(result: Stability) -> Iterator[Section]:
+    drawn = list(stability_pictures(result))
+    components = [p for p in drawn if p.name == "components.png"]
+    found = result.components
+    yield Section(
+        title="Variance components",
+        lines=() if found else tuple(component_lines(found)),
+        table=ReportTable(
+            title="",
+            columns=("component", "1 σ, µg", "95 % limits", "degrees of freedom", "what it is"),
+            rows=tuple(
+                (
+                    c.name,
+                    sigma_text(c.sigma, c.ci95),
+                    limits_text(c.ci95),
+                    str(c.dof),
+                    FACTORS[c.name],
+                )
+                for c in found.components
+            ),
+        )
+        if found
+        else None,
+        words=(0, 4),
+        pictures=tuple(components),
+    )
+    own = [p for p in drawn if p not in components]
+    for k, one in enumerate(result.accelerometers):
+        yield _of_one(one, own[k : k + 1])
+    left = len(result.accelerometers) - MAX_ACCELEROMETERS
+    if left > 0:
+        yield Section(lines=(f"The last {left} accelerometers have no picture of their own.",))
+
+
+def _of_one(one: AccelerometerStability, pictures: list[Picture]) -> Section:
+    return Section(
+        title=f"{one.serial}: {one.verdict}",
+        points=tuple(sentences(one)),
+        table=ReportTable(
+            title="",
+            columns=COLUMNS,
+            rows=tuple(tuple(coefficient_row(one, c)) for c in one.coefficients),
+        ),
+        words=(0, 1),
+        pictures=tuple(pictures),
+    )
+
+
+def _closing(runs: RecordedRuns) -> Iterator[Section]:
+    rows = tuple(tuple(row) for row in source_rows(runs, runs.run_ids))
+    yield Section(
+        title="Sources",
+        table=ReportTable(title="", columns=SOURCE_COLUMNS, rows=rows),
+        words=(0, 1, 2, 5),
+    )
+    yield Section(title="Conventions", points=CONVENTIONS)

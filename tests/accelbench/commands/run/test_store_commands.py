@@ -1,0 +1,63 @@
+"""`runs` and `export` of a store that is not as it should be; what is shown of its URL."""
+
+import json
+import shutil
+
+import pytest
+
+from accelbench.commands.run.text import Afterwards, run_document, run_text
+from drivers.devices import SafeResult
+from tests.thermo.store.test_database import SECRET, URLS
+from thermo.station.live import LiveEstimate
+from thermo.station.outcome import TestOutcome
+from thermo.store.database import parse_url, shown
+from thermo.store.recover import warnings
+from thermo.store.store import NewTest, open_store
+
+
+@pytest.mark.parametrize("url", URLS)
+def test_no_command_shows_the_password(url, refused, tmp_path):
+    text = url.format(SECRET)
+    for arguments in (
+        ["runs", "--json"],
+        ["export", "ID", "--out", tmp_path / "x.csv"],
+        ["run", "--resume", "ID"],
+    ):
+        line = refused(*arguments, "--store", text)
+        assert SECRET not in line
+
+
+def test_a_result_shows_the_store_without_its_password():
+    url = f"postgresql://u:{SECRET}@h/x?sslmode=require&sslpassword={SECRET}"
+    outcome = TestOutcome(
+        test_id="T", status="interrupted", reason="stop", head_stopped=True,
+        safe=SafeResult(verified=True, steps=("held",)),
+    )  # fmt: skip
+    shown_url = shown(parse_url(url))
+    text = "\n".join(str(line) for line in run_text(outcome, Afterwards(), shown_url))
+    document = json.dumps(run_document(outcome, Afterwards(), shown_url, LiveEstimate({})))
+    for said in (text, document):
+        assert SECRET not in said
+        assert "postgresql://u:***@h/x?sslmode=require&sslpassword=***" in said
+    assert "go on with: accelbench run --resume T --store 'postgresql://u:***@h/x" in text
+
+
+def test_what_was_left_behind_beside_a_store_is_told(tmp_path, call, refused, monkeypatch):
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    file = tmp_path / "night.sqlite"
+    store = open_store(file)
+    test_id = store.begin_test(NewTest("night", "", "{}"))
+    shutil.copy(tmp_path / "night.sqlite-wal", tmp_path / "old.sqlite-wal")
+    store.finish_test(test_id, "interrupted", "stop")
+    store.close()
+    (tmp_path / f"night.sqlite.{test_id}.guardian.json").write_text("{}", encoding="utf-8")
+    lines = warnings(file)
+    assert len(lines) == 2
+    listed = call("runs", "--store", file, "--json")
+    assert listed.document["warnings"] == list(lines)
+    assert "old.sqlite-wal: an orphaned write-ahead log" in listed.err
+    assert "guardian.json: left by a guardian" in listed.err
+    file.unlink()
+    (tmp_path / "old.sqlite-wal").rename(tmp_path / "night.sqlite-wal")
+    said = refused("runs", "--store", file)
+    assert "night.sqlite-wal belongs to it: put the file back beside it" in said
