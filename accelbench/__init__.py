@@ -18,7 +18,6 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from accelbench import rig
     from accelbench.api import (
-        Result,
         combine,
         compensate,
         discrepancy,
@@ -27,6 +26,7 @@ if TYPE_CHECKING:
         runin,
         stability,
     )
+    from accelbench.result import Result
     from errormodel.errors import InputError, NotSeparableError, WorkbenchError
     from errormodel.model import ErrorModel
     from thermo.compensation.model_file import ModelFile, read_model
@@ -77,8 +77,9 @@ __all__ = [
 
 _HOMES = {
     "accelbench.api": (
-        "Result", "combine", "compensate", "discrepancy", "fit", "foresee", "runin", "stability",
+        "combine", "compensate", "discrepancy", "fit", "foresee", "runin", "stability",
     ),
+    "accelbench.result": ("Result",),
     "errormodel.errors": ("InputError", "NotSeparableError", "WorkbenchError"),
     "errormodel.model": ("ErrorModel",),
     "thermo.compensation.model_file": ("ModelFile", "read_model"),

@@ -4,14 +4,13 @@ A function here does what the command of its name does and returns a `Result`: w
 same document that the command writes with --json, a table and pictures.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
+from typing import TYPE_CHECKING, Literal
+
+from accelbench.result import Result, coefficients_of, named_rows, no_pictures
 
 if TYPE_CHECKING:
-    import pandas as pd
-
     from accelbench.commands.run.dry_run import MountingForeseen
     from accelbench.shell.plotting import Picture
     from sinscal.combination.combine import Combination
@@ -26,69 +25,6 @@ if TYPE_CHECKING:
     from thermo.run_in.verdict import RunInVerdict
     from thermo.stability.judge import Stability
     from thermo.stability.limits import LimitsFile
-
-T_co = TypeVar("T_co", covariant=True)
-Row = Mapping[str, Any]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class Result(Generic[T_co]):
-    """What one command found.
-
-    Attributes
-    ----------
-    title : str
-        What it is, in a line.
-    found : object
-        The values as the package below has them, for everything that the table does not hold.
-    document : mapping
-        The document that the command writes with --json.
-    """
-
-    title: str
-    found: T_co
-    document: Mapping[str, Any]
-    rows: Callable[[], Iterable[Row]] = field()
-    pictures: Callable[[], Iterable["Picture"]] = field()
-
-    def __repr__(self) -> str:
-        return f"<{self.title}>"
-
-    def to_dataframe(self) -> "pd.DataFrame":
-        """Return the result's main table, one row a coefficient (or reading, or cycle)."""
-        import pandas as pd
-
-        return pd.DataFrame(list(self.rows()))
-
-    def plot(self) -> tuple["Picture", ...]:
-        """Draw the pictures of the command's report; a notebook shows them, `png` is their bytes.
-
-        Returns
-        -------
-        tuple of Picture
-            Empty where the command's report has none.
-        """
-        return tuple(self.pictures())
-
-
-def no_pictures() -> tuple["Picture", ...]:
-    """Return none: for commands whose report has no picture of what was found alone."""
-    return ()
-
-
-def _coefficients(document: Mapping[str, Any]) -> list[Row]:
-    return [
-        {"serial": one["serial"], **dict(c)}
-        for one in document["accelerometers"]
-        for c in named_rows(one["coefficients"])
-    ]
-
-
-def named_rows(parts: Any) -> list[Row]:
-    """Return the coefficients of a document as rows with a name."""
-    if isinstance(parts, Mapping):
-        return [{"name": name, **dict(content)} for name, content in parts.items()]  # pyright: ignore
-    return list(parts)
 
 
 def fit(
@@ -134,7 +70,7 @@ def fit(
         title=f"temperature model of {', '.join(f.serial for f in fits)}",
         found=(fits, model),
         document=document,
-        rows=lambda: _coefficients(document),
+        rows=lambda: coefficients_of(document),
         pictures=pictures,
     )
 
@@ -202,7 +138,7 @@ def stability(
         f"{len(result.order)} runs",
         found=result,
         document=document,
-        rows=lambda: _coefficients(document),
+        rows=lambda: coefficients_of(document),
         pictures=pictures,
     )
 

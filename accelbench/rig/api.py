@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from accelbench.api import Result, named_rows, no_pictures
+from accelbench.result import Result, named_rows, no_pictures
 from sinscal.judgement.judge import Options
 from sinscal.model.priors import make_prior
 

@@ -40,6 +40,13 @@ class Picture:
     caption: str
     png: bytes
 
+    def __repr__(self) -> str:
+        return f"<picture {self.name}>"
+
+    def _repr_png_(self) -> bytes:
+        """Return the picture as a notebook shows it."""
+        return self.png
+
 
 def new_figure(width_in: float, height_in: float) -> Any:
     """Return an empty figure that places its parts without overlap."""
