@@ -72,7 +72,7 @@ def combine(
     """Calibrate a SINS that warms itself, rig and chamber correcting each other.
 
     Exit code 1 when rig and chamber contradict each other or the iteration does not come to rest.
-    In Python: sinscal.combination.combine.combine.
+    In Python: accelbench.combine.
     """
     inputs = [thermal, *with_sidecars([rig]), *([priors] if priors else [])]
     check_results(out, report, inputs, force=force)

@@ -71,8 +71,8 @@ def discrepancy(
 
     Without --model the present model is the equation that fit would choose, with --model bare k0
     and k1, each quadratic in temperature; of a SINS on a rig, biases, scale errors and
-    misalignments. In Python: thermo.discrepancy.find.find_discrepancy,
-    sinscal.discrepancy.find.find_rig_discrepancy.
+    misalignments. In Python: accelbench.discrepancy,
+    accelbench.rig.discrepancy.
     """
     if kind == "rig":
         thermal_only = {"--effects": effects, "--experiment-out": experiment_out,

@@ -46,7 +46,7 @@ def import_(file: Path, map_file: Path, out: Path, force: bool, as_json: bool) -
     """Make a recorded run of somebody else's log.
 
     FILE is delimited text; MAP.toml says which columns hold time, temperature and outputs, and in
-    what units. In Python: thermo.recording.foreign.import_log.
+    what units. In Python: accelbench.import_log.
     """
     checked_run_output(out, [file, map_file], force=force)
     record = import_log(file, map_file)
@@ -78,7 +78,7 @@ def fit(
     """Fit each accelerometer's error model over temperature.
 
     Without --model the data choose the terms and the polynomial orders. Exit code 1 when a model
-    leaves more than constants alone. In Python: thermo.fitting.fit.fit_runs.
+    leaves more than constants alone. In Python: accelbench.fit.
     """
     paths, wanted = _runs_and_ids(files, holdout)
     inputs = [*with_sidecars(paths), *([terms] if terms else [])]
@@ -148,7 +148,7 @@ def compensate(
 
     Readings that the model does not cover are flagged outside_range (temperature), outside_rate
     and outside_input. A recording that is compensated already is refused. In Python:
-    thermo.compensation.compensated_files.compensate_files.
+    accelbench.compensate.
     """
     paths = [Path(name) for name in files]
     checked_run_output(out, [*with_sidecars(paths), model], force=force)

@@ -107,7 +107,7 @@ def calibrate(
     """Calibrate a SINS from a run on a rig, and judge the result.
 
     Several files are cycles of one SINS that follow one another. Exit code 1 when the result is
-    not consistent. In Python: sinscal.judgement.judge.calibrate_and_judge.
+    not consistent. In Python: accelbench.rig.calibrate.
     """
     inputs = [*with_sidecars(files), *(p for p in (priors, model) if p)]
     check_results(out, report, inputs, force=force)
@@ -178,7 +178,7 @@ def compensate(file: Path, calibration: Path, out: Path, force: bool, as_json: b
 
     Flags, times and the rig's angle stay as they are. A jump that the calibration found is taken
     out of the run it was found in; in any other it is over. A run that is compensated already is
-    refused. In Python: sinscal.model.compensate.compensate_run.
+    refused. In Python: accelbench.rig.compensate.
     """
     checked_run_output(out, [*with_sidecars([file]), calibration], force=force)
     result = read_calibration(calibration)

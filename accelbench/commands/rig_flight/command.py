@@ -14,7 +14,7 @@ from accelbench.commands.rig_flight.text import (
     read_calibrations,
 )
 from accelbench.shell.outputs import Results, check_results, force_option, json_option
-from sinscal.flight.covariance import FlightCovariance, FlightNoise, assess, flight_sensitivity
+from accelbench.rig.flight import FlightCovariance, FlightNoise, assess, flight_sensitivity
 from sinscal.flight.monte_carlo import Agreement, agreement, fly_runs
 from sinscal.flight.trajectory import FlightPlan
 from sinscal.frames.earth import DEG_PER_H

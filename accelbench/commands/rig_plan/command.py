@@ -90,7 +90,7 @@ def simulate(
     """Simulate the run of a rig programme.
 
     Attitude and forces are exact; errors, faults, noise and temperature are those of the
-    programme's file, and the options stand above it. In Python: sinscal.twin.rehearse.rehearse.
+    programme's file, and the options stand above it. In Python: accelbench.rig.simulate.
     """
     given = Path(errors) if errors and errors != RANDOM else None
     inputs = [p for p in (programme, given, priors) if p is not None]
@@ -190,7 +190,7 @@ def covariance(
 
     Without a programme: the article's two tables, computed and published side by side. With one:
     the sigma of every parameter, and what each noise and each prior contributes to it. In Python:
-    sinscal.planning.covariance.rig_covariance, sinscal.article.tables.
+    accelbench.rig.covariance.
     """
     if programme is None and (groups or priors):
         raise click.UsageError("--groups and --priors need a PROGRAMME.toml")

@@ -65,7 +65,7 @@ def triad(
     """Calibrate an accelerometer triad from rests in many positions.
 
     FILE is a recorded rig run, or with --columns and --gravity any delimited log. In Python:
-    sinscal.triad.rests.calibrate_at_rest.
+    accelbench.rig.triad.
     """
     check_results(out, report, [file, sidecar_path(file)], force=force)
     if sigma is not None and not means:

@@ -88,7 +88,7 @@ def run(
     it ended early, a ramp was not uniform, an accelerometer has not settled in the cycles of a
     run-in, there is a complaint of the readings, or the safe condition is not verified. A chamber
     that somebody else uses is refused (exit code 2) unless --take-over says so. In Python:
-    thermo.launch.real.run_on_station, thermo.launch.emulated.run_emulated.
+    accelbench.run_on_station, accelbench.run_emulated.
     """
     shell = current_shell()
     if not dry_run:

@@ -31,7 +31,7 @@ def make_safe(station: Path, force: bool, interrupted: bool, as_json: bool) -> i
     The profile is ended, the ramp switched off, the set point put to safe_temp_c, and each is read
     back. Refused while another process holds the chamber, with that one's name. Exit code 0: safe
     and verified, or nothing to do with --interrupted; 1: not verified, or still held by another.
-    In Python: thermo.launch.make_safe.make_station_safe.
+    In Python: accelbench.make_station_safe.
     """
     config = load_station(station)
     made = make_station_safe(config, force=force, interrupted_only=interrupted)

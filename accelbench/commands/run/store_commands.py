@@ -37,7 +37,7 @@ def runs(store: str, as_json: bool) -> None:
     """List the tests in a store.
 
     What a test could not bring into it flows in first. Files that belong to it and were left
-    behind are warned of. In Python: thermo.store.store.Store.tests, thermo.store.recover.warnings.
+    behind are warned of. In Python: accelbench.open_existing_store.
     """
     with open_existing_store(store) as opened:
         tests = opened.tests()
@@ -90,7 +90,7 @@ def export(test_id: str, store: str, out: Path, force: bool, as_json: bool) -> N
     """Write a test of a store as a recorded run.
 
     Accelerometers of different unit or nominal scale go into files of their own. In Python:
-    thermo.store.files.export_recorded.
+    accelbench.stored_runs.
     """
     with open_existing_store(store) as opened:
         for path in export_paths(opened, test_id, out):

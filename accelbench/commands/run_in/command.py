@@ -67,7 +67,7 @@ def runin(
 
     Each run is a cycle, in the order of their starts, or of the files where those are not
     recorded. Exit code 1: an accelerometer has not settled. In Python:
-    thermo.run_in.cycles.judge_runs.
+    accelbench.runin.
     """
     rule = _rule(sequence, given)
     check_results(None, report, [], force=force)

@@ -47,7 +47,7 @@ def stability(
     """Compare runs: repeatability, curves, variance components, verdict.
 
     Needs two runs or more of each accelerometer. Exit code 1 when one exceeds a limit beyond
-    chance. In Python: thermo.stability.judge.judge_stability.
+    chance. In Python: accelbench.stability.
     """
     check_results(None, report, [], force=force)
     asked = _limits(limits, between)
