@@ -14,7 +14,7 @@ from accelbench.commands.rig_flight.text import (
     read_calibrations,
 )
 from accelbench.shell.outputs import Results, check_results, force_option, json_option
-from accelbench.rig.flight import FlightCovariance, FlightNoise, assess, flight_sensitivity
+from sinscal.flight.covariance import FlightCovariance, FlightNoise, assess, flight_sensitivity
 from sinscal.flight.monte_carlo import Agreement, agreement, fly_runs
 from sinscal.flight.trajectory import FlightPlan
 from sinscal.frames.earth import DEG_PER_H
@@ -72,7 +72,7 @@ def flight(
     """Say what calibrations are worth in flight: position error of autonomous navigation.
 
     The system is aligned at rest, takes off and navigates by itself; its errors are those that
-    calibration left, and the sensors' noise. In Python: sinscal.flight.covariance.
+    calibration left, and the sensors' noise. In Python: accelbench.rig.flight.
     """
     check_results(None, report, [], force=force)
     calibrations = read_calibrations(files)
