@@ -102,13 +102,14 @@ def _likely_sigmas(effect: RunEffect) -> FloatArray:
     if not effect.sigmas[-1] > 0:
         return np.zeros(QUANTILES)
     octaves = np.log2(effect.sigmas[1:])
-    fine = np.linspace(octaves[0], octaves[-1], FINE * (len(octaves) - 1) + 1)
+    count = FINE * (len(octaves) - 1) + 1
+    fine: FloatArray = np.linspace(float(octaves[0]), float(octaves[-1]), count)
     heights = np.log(np.maximum(effect.shares[1:], np.finfo(float).tiny))
     density = np.exp(np.interp(fine, octaves, heights))
     none = effect.shares[0] / sum(effect.shares)
     reached = none + (1.0 - none) * np.cumsum(density) / density.sum()
     wanted = (np.arange(QUANTILES) + 0.5) / QUANTILES
-    sigmas = 2.0 ** np.interp(wanted, reached, fine)
+    sigmas = np.asarray(2.0 ** np.interp(wanted, reached, fine), dtype=np.float64)
     return np.where(wanted < none, 0.0, sigmas)
 
 
