@@ -115,13 +115,14 @@ def _test(
 ) -> ByPosition | None:
     count = np.bincount(group, minlength=len(names))
     tested = np.flatnonzero(count >= LEAST)
-    own = (group[:, None] == tested).astype(float)
-    if shape is not None:
-        own *= shape[:, None]
-    left = line.left(own)
+    at = group[:, None] == tested  # a byte each: the readings may be many
+    form = np.ones(1) if shape is None else shape
+    left = np.empty(at.shape)
+    for k in range(tested.size):  # one by one, for the same reason
+        left[:, k] = line.left((form * at[:, k])[:, None])[:, 0]
     cov = line.variance(left)
     if by_angle is not None:
-        errs = left.T @ (by_angle[:, None] * own)
+        errs = np.column_stack([left.T @ (by_angle * form * one) for one in at.T])
         cov = cov + errs @ errs.T
     along, gram = left.T @ line.residual, left.T @ left
     values, vectors = np.linalg.eigh(gram)
@@ -138,7 +139,7 @@ def _test(
     variance: FloatArray = np.maximum(np.diag(cov), float(np.finfo(float).tiny))
     single: FloatArray = np.square(along) / variance
     single[np.diag(gram) <= RANK * count.max()] = 0.0
-    means = 1e6 * (own.T @ line.residual) / np.sum(own**2, axis=0)
+    means = 1e6 * ((form * line.residual) @ at) / (np.broadcast_to(form**2, group.shape) @ at)
     worst = np.argsort(-np.abs(means))[:SHOWN]
     told = np.asarray(single > ALONE * chi2, dtype=np.bool_)
     alone: list[int] = tested[told].tolist()

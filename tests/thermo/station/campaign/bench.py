@@ -4,7 +4,7 @@ Written from the makers' tables alone: it shares no code with the drivers nor wi
 the project. One plant moves behind all three. Everything that is written to the chamber and every
 value that is served goes to a log, a JSON document a line, with the machine's monotonic time.
 
-    fault_bench.py FOLDER SPEED MODEL SERIAL,SERIAL…
+    bench.py FOLDER SPEED MODEL SERIAL,SERIAL…
 """
 
 import json
@@ -15,9 +15,9 @@ import threading
 import time
 from pathlib import Path
 
-from fault_bench_chamber import Chamber
-from fault_bench_lines import Digitiser, Head
-from fault_bench_plant import Log, Plant
+from bench_chamber import Chamber
+from bench_lines import Digitiser, Head
+from bench_plant import Log, Plant
 
 
 def control(folder: Path, chamber: Chamber, digitiser: Digitiser, head: Head) -> None:

@@ -1,4 +1,4 @@
-"""The chamber of `fault_bench.py`: a Watlow F4T or F4 on Modbus TCP, and its panel."""
+"""The chamber of `bench.py`: a Watlow F4T or F4 on Modbus TCP, and its panel."""
 
 import contextlib
 import math
@@ -9,7 +9,7 @@ import struct
 import threading
 import time
 
-from fault_bench_plant import Log, Plant
+from bench_plant import Log, Plant
 
 
 class Chamber:

@@ -1,4 +1,4 @@
-"""The multimeter and the head of `fault_bench.py`, on pseudo-terminals."""
+"""The multimeter and the head of `bench.py`, on pseudo-terminals."""
 
 import math
 import os
@@ -9,7 +9,7 @@ import threading
 import tty
 from abc import ABC, abstractmethod
 
-from fault_bench_plant import Log, Plant
+from bench_plant import Log, Plant
 
 STEINHART = (0.001129148, 0.000234125, 8.76741e-08)
 

@@ -1,4 +1,4 @@
-"""The plant behind the instruments of `fault_bench.py`, and the log of what they say."""
+"""The plant behind the instruments of `bench.py`, and the log of what they say."""
 
 import json
 import math

@@ -2,8 +2,8 @@
 
     python -m tests.thermo.station.campaign.campaign --count 300 --seed 1
 
-The instruments are foreign ones in another process (`fault_bench.py`), the program is `accelbench`
-itself; the kinds are in `fault_kinds_*.py`. A table goes to standard output; the exit code is 1 if
+The instruments are foreign ones in another process (`bench.py`), the program is `accelbench`
+itself; the kinds are in `kinds_*.py`. A table goes to standard output; the exit code is 1 if
 anything failed.
 """
 
@@ -24,7 +24,7 @@ from tests.thermo.station.campaign.case import Case, judge_readings
 from tests.thermo.station.campaign.kinds import KINDS, NotSetError
 
 for _group in ("process", "chamber", "store"):
-    importlib.import_module(f"tests.thermo.station.fault_kinds_{_group}")
+    importlib.import_module(f"tests.thermo.station.campaign.kinds_{_group}")
 
 
 TRIES = 3  # of a fault that could not be set: a loaded machine begins too late
