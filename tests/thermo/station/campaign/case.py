@@ -18,7 +18,7 @@ import psycopg.rows
 
 import accelbench.commands.run.command
 import thermo.launch.real
-from accelbench.cli import main as accelbench
+from accelbench.cli import main as run_command
 from tests.thermo.station.there_and_stay import there_and_stay
 
 HERE = Path(__file__).parent
@@ -153,7 +153,7 @@ class Process:
             tell(acks)
         sys.argv = ["accelbench", *self.args]
         try:
-            code = accelbench()
+            code = run_command()
         except SystemExit as end:
             code = end.code if isinstance(end.code, int) else int(end.code is not None)
         for stream in (sys.stdout, sys.stderr):
@@ -376,4 +376,4 @@ def _is_wrong(row: dict, served: dict, temps: list[float], model: str) -> bool:
 if __name__ == "__main__":
     tell(Path(sys.argv[1]))
     sys.argv = ["accelbench", *sys.argv[2:]]
-    sys.exit(accelbench())
+    sys.exit(run_command())
