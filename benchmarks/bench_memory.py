@@ -168,6 +168,7 @@ def main() -> None:
             told = ["export", test_id, "--store", str(store), "--out", str(out)]
             tell(f"export of {asked.readings} readings, {suffix[1:]}", told, 500)
             out.unlink()
+            out.with_suffix(".toml").unlink()
         store.unlink()
         make_bomb(folder / "bomb.parquet")
         tell("refusal of 1e8 equal rows in Parquet", ["fit", str(folder / "bomb.parquet")], 300, 2)

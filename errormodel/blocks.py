@@ -4,9 +4,10 @@ A block is a view of the record; what a term remembers is handed from block to b
 afresh with each run, as in one evaluation of the whole.
 """
 
-from collections.abc import Callable, Iterator
-from typing import TypeVar
+from collections.abc import Callable, Iterator, Sequence
+from typing import Protocol, TypeVar
 
+from errormodel.arrays import FloatArray
 from errormodel.record import Record
 from errormodel.terms import Memory
 
@@ -21,6 +22,37 @@ def block_slices(n: int) -> Iterator[slice]:
     """Yield the blocks of n readings; a single one when they are few."""
     for begin in range(0, n, BLOCK):
         yield slice(begin, min(begin + BLOCK, n))
+
+
+class Blocked(Protocol):
+    """A matrix of one row for each reading, (n, p), that is gone through in blocks."""
+
+    shape: tuple[int, int]
+
+    def blocks(self) -> Iterator[tuple[slice, FloatArray]]:
+        """Yield the readings of each block, as `block_slices` cuts them, with their rows."""
+        ...
+
+
+class Kept:
+    """A matrix (n, p) that stands whole, as `Blocked`."""
+
+    def __init__(self, whole: FloatArray) -> None:
+        self.whole = whole
+        self.shape = (whole.shape[0], whole.shape[1])
+
+    def blocks(self) -> Iterator[tuple[slice, FloatArray]]:
+        """Yield the readings of each block with their rows."""
+        for rows in block_slices(self.shape[0]):
+            yield rows, self.whole[rows]
+
+
+def parts_of_runs(runs: Sequence[slice], rows: slice) -> Iterator[tuple[int, slice]]:
+    """Yield the runs that readings of a block belong to, with the readings of each."""
+    for number, run in enumerate(runs):
+        begin, end = max(run.start, rows.start), min(run.stop, rows.stop)
+        if begin < end:
+            yield number, slice(begin, end)
 
 
 def in_blocks(

@@ -10,13 +10,35 @@ import numpy as np
 from numpy.typing import DTypeLike
 
 from errormodel.arrays import FloatArray
-from errormodel.blocks import block_slices
-from errormodel.fit import derivative
+from errormodel.blocks import block_slices, parts_of_runs
 from errormodel.linear import triangle_of
 from errormodel.model import ErrorModel
 from errormodel.record import Record
 
 KEPT = 1 << 18  # readings: twenty columns of them take 42 MB
+
+
+def derivative(model: ErrorModel, record: Record, values: Mapping[str, float]) -> FloatArray:
+    """Compute the derivative of the output by every unknown.
+
+    Nonlinear parameters are differenced centrally over 1e-4 of their range.
+
+    Returns
+    -------
+    ndarray, shape (n, p)
+        Columns in the order of `model.names`.
+    """
+    columns = np.empty((len(record), len(model.names)))
+    count = len(model.coefficients)
+    for rows, design in model.designs(record, values):
+        columns[rows, :count] = model.linearised(design, values)[1]
+    for k, p in enumerate(model.parameters, count):
+        step = 1e-4 * (p.hi - p.lo)
+        lo, hi = max(values[p.name] - step, p.lo), min(values[p.name] + step, p.hi)
+        above = model.simulate(record, {**values, p.name: hi})
+        below = model.simulate(record, {**values, p.name: lo})
+        columns[:, k] = (above - below) / (hi - lo)
+    return columns
 
 
 class Columns:
@@ -48,15 +70,6 @@ class Columns:
         for rows, design in self._model.designs(self._record, self._values):
             yield rows, self._model.linearised(design, self._values)[1]
 
-    def parts_of_runs(self) -> Iterator[tuple[int, slice, FloatArray]]:
-        """Yield the columns of readings that are of one block and one run, with the run."""
-        runs = self._record.run_slices
-        for rows, block in self.blocks():
-            for number, run in enumerate(runs):
-                begin, end = max(run.start, rows.start), min(run.stop, rows.stop)
-                if begin < end:
-                    yield number, slice(begin, end), block[begin - rows.start : end - rows.start]
-
     def __matmul__(self, right: FloatArray) -> FloatArray:
         """Return the sum of the columns with these factors, (p,) or (p, m)."""
         if self._whole is not None:
@@ -81,9 +94,12 @@ class Columns:
 
     def by_run(self, right: FloatArray) -> FloatArray:
         """Return the products of each column with an array (n,), run by run, (runs, p)."""
-        total = np.zeros((len(self._record.run_slices), self.shape[1]))
-        for number, rows, block in self.parts_of_runs():
-            total[number] += block.T @ right[rows]
+        runs = self._record.run_slices
+        total = np.zeros((len(runs), self.shape[1]))
+        for rows, block in self.blocks():
+            for number, part in parts_of_runs(runs, rows):
+                mine = block[part.start - rows.start : part.stop - rows.start]
+                total[number] += mine.T @ right[part]
         return total
 
     def triangle(self, *beside: FloatArray) -> FloatArray:

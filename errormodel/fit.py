@@ -14,6 +14,8 @@ import numpy as np
 from scipy import linalg, optimize
 
 from errormodel.arrays import FloatArray, freeze, readonly
+from errormodel.blocks import block_slices
+from errormodel.columns import Columns, derivative
 from errormodel.errors import NotSeparableError
 from errormodel.linear import (
     Compressed,
@@ -129,17 +131,17 @@ def fit(
     known = _given(noise) if isinstance(noise, NoiseModel) else noise
     weights = known.noise if known and weighting == "noise" else NoiseModel(white=1.0)
     values = _solve(model, record, output, weights, values, check=True)
-    joint = _linearised(model, record, output, values)
+    columns, residual = _linearised(model, record, output, values)
     own = [model.names.index(name) for name in by_run if name in model.names]
-    found = known or estimate_noise_of(record, joint, own_columns=own)
+    found = known or estimate_noise_of(record, residual, columns, own_columns=own)
     if known is None and weighting == "noise":
         for _ in range(2):
             values = _solve(model, record, output, found.noise, values)
-            joint = _linearised(model, record, output, values)
-            found = estimate_noise_of(record, joint, own_columns=own)
+            columns, residual = _linearised(model, record, output, values)
+            found = estimate_noise_of(record, residual, columns, own_columns=own)
     if model.parameters:  # they had no effect to judge while their coefficients were zero
-        _refuse(separability(joint[:, :-1], model.names, _min_shares(model)))
-    return _result(model, values, record, joint, found, weighting)
+        _refuse(separability(columns.triangle(), model.names, _min_shares(model)))
+    return _result(model, values, record, columns, residual, found, weighting)
 
 
 def fit_values(
@@ -171,11 +173,11 @@ def _given(noise: NoiseModel) -> NoiseFit:
 
 def _linearised(
     model: ErrorModel, record: Record, output: FloatArray, values: Mapping[str, float]
-) -> FloatArray:
-    """Return the derivative and the residual side by side, shape (n, p + 1)."""
-    joint = _derivative_and_output(model, record, values)
-    np.subtract(output, joint[:, -1], out=joint[:, -1])
-    return joint
+) -> tuple[Columns, FloatArray]:
+    """Return the derivative and the residual."""
+    residual = model.simulate(record, values)
+    np.subtract(output, residual, out=residual)
+    return Columns(model, record, values), residual
 
 
 def _single_output(model: ErrorModel, record: Record) -> FloatArray:
@@ -276,36 +278,6 @@ def _best_parameters(
     return dict(zip(names, found.x.tolist(), strict=True))
 
 
-def derivative(model: ErrorModel, record: Record, values: Mapping[str, float]) -> FloatArray:
-    """Compute the derivative of the output by every unknown.
-
-    Nonlinear parameters are differenced centrally over 1e-4 of their range.
-
-    Returns
-    -------
-    ndarray, shape (n, p)
-        Columns in the order of `model.names`.
-    """
-    return _derivative_and_output(model, record, values)[:, :-1]
-
-
-def _derivative_and_output(
-    model: ErrorModel, record: Record, values: Mapping[str, float]
-) -> FloatArray:
-    """Return the derivative and the output side by side, shape (n, p + 1)."""
-    joint = np.empty((len(record), len(model.names) + 1))
-    count = len(model.coefficients)
-    for rows, design in model.designs(record, values):
-        joint[rows, -1], joint[rows, :count] = model.linearised(design, values)
-    for k, p in enumerate(model.parameters, count):
-        step = 1e-4 * (p.hi - p.lo)
-        lo, hi = max(values[p.name] - step, p.lo), min(values[p.name] + step, p.hi)
-        above = model.simulate(record, {**values, p.name: hi})
-        below = model.simulate(record, {**values, p.name: lo})
-        joint[:, k] = (above - below) / (hi - lo)
-    return joint
-
-
 def examine(model: ErrorModel, record: Record, values: Mapping[str, float]) -> Separability:
     """Tell what a record can separate of a model; the record needs no output."""
     return separability(derivative(model, record, values), model.names, _min_shares(model))
@@ -315,23 +287,24 @@ def _result(
     model: ErrorModel,
     values: Mapping[str, float],
     record: Record,
-    joint: FloatArray,
+    columns: Columns,
+    residual: FloatArray,
     found: NoiseFit,
     weighting: Weighting,
 ) -> ModelFit:
     """Put the result together; the covariance is averaged over the noise the data allow."""
-    columns, residual = joint[:, :-1], joint[:, -1]
     if weighting == "equal":
         cov, condition = _equal_covariance(record, columns, found.support)
     else:
         cov, condition = _noise_covariance(record, columns, residual, found.support)
+    squares = [float(np.sum(residual[rows] ** 2)) for rows in block_slices(len(record))]
     return ModelFit(
         model=model,
         names=model.names,
         values=np.array([values[name] for name in model.names]),
         cov=cov,
         noise=found.noise,
-        rms=float(np.sqrt(np.mean(residual**2))),
+        rms=float(np.sqrt(sum(squares) / len(record))),
         n=len(record),
         condition=condition,
     )
@@ -347,15 +320,15 @@ def expected_covariance(
     ndarray, shape (p, p)
         In the order of `model.names`.
     """
-    columns = derivative(model, record, values)
+    columns = Columns(model, record, values)
     return _equal_covariance(record, columns, _given(noise).support)[0]
 
 
 def _equal_covariance(
-    record: Record, columns: FloatArray, support: Support
+    record: Record, columns: Columns, support: Support
 ) -> tuple[FloatArray, float]:
     """Return A V Aᵀ with A the least-squares inverse, averaged over the noises; and a condition."""
-    triangle = triangle_of(columns)
+    triangle = columns.triangle()
     norms = np.linalg.norm(triangle, axis=0)  # those of the columns: rotations keep lengths
     norms = np.where(norms > 0, norms, 1.0)
     r = triangle / norms
@@ -375,26 +348,29 @@ def _equal_covariance(
 
 
 def _noise_covariance(
-    record: Record, columns: FloatArray, residual: FloatArray, support: Support
+    record: Record, columns: Columns, residual: FloatArray, support: Support
 ) -> tuple[FloatArray, float]:
     """Return (Jᵀ V⁻¹ J)⁻¹ averaged over the noises, with how far the estimate moves with them."""
-    norms = np.linalg.norm(columns, axis=0)
+    triangle = columns.triangle()
+    norms = np.linalg.norm(triangle, axis=0)
     norms = np.where(norms > 0, norms, 1.0)
-    joint = np.column_stack([columns / norms, residual])
+    p = norms.size
     steps: list[FloatArray] = []
     covs: list[FloatArray] = []
     for _, noise in support:
-        whitened = noise.whiten(record, joint)
-        q, r = linalg.qr(whitened[:, :-1], mode="economic", check_finite=False)
-        inverse = linalg.pinv(r)
-        steps.append(inverse @ (q.T @ whitened[:, -1]))
+        whitening, whitened = noise.whitening(p + 1), np.zeros((0, p + 1))
+        for rows, block in columns.blocks():
+            joint = np.column_stack([block / norms, residual[rows]])
+            white = whitening.whiten(record.view(rows), joint) / noise.white
+            whitened = triangle_of(white, whitened)
+        inverse = linalg.pinv(whitened[:p, :p])
+        steps.append(inverse @ whitened[:p, -1])
         covs.append(inverse @ inverse.T)
     share = np.array([w for w, _ in support]) / sum(w for w, _ in support)
     apart = np.array(steps) - share @ np.array(steps)
     within = np.einsum("i,ijk->jk", share, np.array(covs))
-    condition = float(np.linalg.cond(joint[:, :-1]))
     cov = within + np.einsum("i,ij,ik->jk", share, apart, apart)
-    return cov / np.outer(norms, norms), condition
+    return cov / np.outer(norms, norms), float(np.linalg.cond(triangle / norms))
 
 
 def fit_many(

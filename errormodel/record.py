@@ -92,10 +92,11 @@ class Record:
         """Return the readings chosen by a mask or by indices; runs are numbered anew."""
         rows = np.asarray(keep)
         chosen = np.flatnonzero(rows) if rows.dtype == np.bool_ else rows
-        _, run = np.unique(self.run[chosen], return_inverse=True)
+        numbers = self.run[chosen]
+        anew = np.cumsum(np.bincount(numbers) > 0) - 1  # without sorting the readings
         return Record(
             time_s=sealed(self.time_s[chosen]),
-            run=run,
+            run=sealed(anew[numbers]),
             signals={name: sealed(values[chosen]) for name, values in self.signals.items()},
             output=None if self.output is None else sealed(self.output[chosen]),
         )

@@ -26,6 +26,7 @@ import numpy as np
 from scipy import optimize, stats
 
 from errormodel.arrays import FloatArray, IntArray
+from errormodel.blocks import parts_of_runs
 from errormodel.columns import Columns
 from errormodel.noise.drift import NoiseModel
 from errormodel.record import Record
@@ -78,13 +79,15 @@ def run_grams(
     record: Record, noise: NoiseModel, columns: Columns, residual: FloatArray
 ) -> FloatArray:
     """Return the Gram matrix of each run's whitened columns and residual, (runs, p + 1, p + 1)."""
-    width = columns.shape[1] + 1
-    grams = np.zeros((len(record.run_slices), width, width))
-    whitening = [noise.whitening(width) for _ in record.run_slices]
-    for number, rows, block in columns.parts_of_runs():
+    width, runs = columns.shape[1] + 1, record.run_slices
+    grams = np.zeros((len(runs), width, width))
+    whitening = noise.whitening(width)  # it begins afresh with each run
+    for rows, block in columns.blocks():
         joint = np.column_stack([block, residual[rows]])
-        white = whitening[number].whiten(record.view(rows), joint)
-        grams[number] += white.T @ white
+        white = whitening.whiten(record.view(rows), joint)
+        for number, part in parts_of_runs(runs, rows):
+            mine = white[part.start - rows.start : part.stop - rows.start]
+            grams[number] += mine.T @ mine
     return grams / noise.white**2
 
 

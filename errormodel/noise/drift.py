@@ -14,7 +14,7 @@ import numpy as np
 from scipy import linalg, optimize
 
 from errormodel.arrays import FloatArray
-from errormodel.blocks import block_slices
+from errormodel.blocks import Blocked, Kept, parts_of_runs
 from errormodel.linear import triangle_of
 from errormodel.noise.whitening import Whitening
 from errormodel.record import Record
@@ -126,30 +126,31 @@ def estimate_noise(
     Harville, D. A. (1977), Maximum likelihood approaches to variance component estimation and to
     related problems, JASA 72, eq. for the restricted likelihood.
     """
-    joint = np.column_stack([columns, residual])
-    return estimate_noise_of(record, joint, own=own, wary=wary)
+    return estimate_noise_of(record, residual, Kept(columns), own=own, wary=wary)
 
 
 def estimate_noise_of(
     record: Record,
-    joint: FloatArray,
+    residual: FloatArray,
+    columns: Blocked,
     *,
     own: bool = False,
     wary: bool = False,
     own_columns: Sequence[int] = (),
 ) -> NoiseFit:
-    """Estimate the noise as `estimate_noise` does, the residual standing beside the columns.
+    """Estimate the noise as `estimate_noise` does, with columns that need not stand whole.
 
     Parameters
     ----------
     record : Record
-    joint : ndarray, shape (n, p + 1)
-        Derivative and residual; it is not copied.
+    residual : ndarray, shape (n,)
+    columns : Blocked, shape (n, p)
     own : bool
+    wary : bool
     own_columns : sequence of int
         Columns of which each run has an unknown of its own, where not all are.
     """
-    data = _Contrasts(record, joint, own=own, own_columns=own_columns)
+    data = _Contrasts(record, residual, columns, own=own, own_columns=own_columns)
     scale = data.scale
     step_s, count = _usual_step_s(record)
     spans = [float(np.ptp(record.time_s[r])) for r in record.run_slices]
@@ -205,21 +206,32 @@ class _Contrasts:
     """Columns and residual, of unit length each, whose whitened triangle the likelihood needs."""
 
     def __init__(
-        self, record: Record, joint: FloatArray, *, own: bool, own_columns: Sequence[int] = ()
+        self,
+        record: Record,
+        residual: FloatArray,
+        columns: Blocked,
+        *,
+        own: bool,
+        own_columns: Sequence[int] = (),
     ) -> None:
-        self.record, self.joint = record, joint
-        self.own_columns = list(own_columns) if len(record.run_slices) > 1 else []
-        self.others = [k for k in range(joint.shape[1]) if k not in self.own_columns]
+        self.record, self.residual, self.columns = record, residual, columns
+        self.width = columns.shape[1] + 1
+        runs = record.run_slices
+        self.own_columns = list(own_columns) if len(runs) > 1 else []
+        self.others = [k for k in range(self.width) if k not in self.own_columns]
         apart = own or bool(self.own_columns)
-        self.groups = record.run_slices if apart else (slice(0, len(record)),)
-        unknowns = joint.shape[1] - 1
+        self.groups = runs if apart else (slice(0, len(record)),)
+        unknowns = self.width - 1
         if self.own_columns:
             unknowns += (len(self.groups) - 1) * len(self.own_columns)
         elif own:
             unknowns *= len(self.groups)
         self.dof = max(len(record) - unknowns, 1)
-        squares = [np.sum(joint[rows] ** 2, axis=0) for rows in block_slices(len(record))]
-        norms = np.sqrt(np.sum(squares, axis=0)) if squares else np.zeros(joint.shape[1])
+        self.norms = np.ones(self.width)
+        squares = np.zeros(self.width)
+        for _, joint in self._joint():
+            squares += np.sum(joint**2, axis=0)
+        norms = np.sqrt(squares)
         self.scale = float(norms[-1])
         self.norms = np.where(norms > 0, norms, 1.0)
 
@@ -234,55 +246,63 @@ class _Contrasts:
 
     def _apart(self, shape: NoiseModel) -> tuple[float, float, float]:
         """Return what `restricted` needs with some columns of each run's own: they go first."""
-        left, log_seen, log_det = np.zeros((len(self.others),) * 2), 0.0, 0.0
+        left, log_seen = np.zeros((len(self.others),) * 2), 0.0
         mine = len(self.own_columns)
         order = [*self.own_columns, *self.others]
-        for group in self.groups:
-            gram, more = self._gram(shape, group)
+        grams, log_det = self._grams(shape)
+        for gram in grams:
             root = _root(gram[np.ix_(order, order)])
             log_seen += _log_of_seen(np.diag(root)[:mine])
-            log_det += more
             rest = root[mine:, mine:]
             left += rest.T @ rest
         diagonal = np.diag(_root(left))
         return float(diagonal[-1]) ** 2, log_seen + _log_of_seen(diagonal[:-1]), log_det
 
     def _together(self, shape: NoiseModel) -> tuple[float, float, float]:
-        rest2, log_seen, log_det = 0.0, 0.0, 0.0
-        for group in self.groups:
-            diagonal, more = self._triangle_diagonal(shape, group)
+        rest2, log_seen = 0.0, 0.0
+        diagonals, log_det = self._triangle_diagonals(shape)
+        for diagonal in diagonals:
             rest, inner = diagonal[-1], diagonal[:-1]
             seen = inner[inner > 1e-9 * inner.max(initial=0.0)]
             rest2 += float(rest) ** 2
             log_seen += float(np.sum(np.log(seen)))
-            log_det += more
         return rest2, log_seen, log_det
 
-    def _gram(self, shape: NoiseModel, group: slice) -> tuple[FloatArray, float]:
-        """Return the Gram matrix of a group's whitened columns, and ln det."""
-        width = self.joint.shape[1]
-        gram, whitening = np.zeros((width, width)), shape.whitening(width)
-        for white in self._whitened(whitening, group):
-            gram += white.T @ white
-        return gram, whitening.log_det
+    def _grams(self, shape: NoiseModel) -> tuple[list[FloatArray], float]:
+        """Return the Gram matrix of each group's whitened columns, and ln det of all."""
+        grams: list[FloatArray] = [np.zeros((self.width, self.width)) for _ in self.groups]
+        whitening = shape.whitening(self.width)
+        for number, white in self._whitened(whitening):
+            grams[number] += white.T @ white
+        return grams, whitening.log_det
 
-    def _triangle_diagonal(self, shape: NoiseModel, group: slice) -> tuple[FloatArray, float]:
-        """Return the diagonal of R of a group's QR factorisation, without signs, and ln det."""
-        width = self.joint.shape[1]
-        gram, log_det = self._gram(shape, group)
+    def _triangle_diagonals(self, shape: NoiseModel) -> tuple[list[FloatArray], float]:
+        """Return the diagonals of R of the groups' QR factorisations, without signs, and ln det."""
+        grams, log_det = self._grams(shape)
         try:  # the columns are of unit length and few: their Gram matrix keeps enough digits
-            return np.diag(linalg.cholesky(gram, check_finite=False)), log_det
+            return [np.diag(linalg.cholesky(g, check_finite=False)) for g in grams], log_det
         except linalg.LinAlgError:
-            triangle = None
-            for white in self._whitened(shape.whitening(width), group):
-                triangle = triangle_of(white, triangle)
-            diagonal = np.zeros(width) if triangle is None else np.diag(triangle)
-            return np.abs(diagonal), log_det
+            triangles: list[FloatArray] = [np.zeros((0, self.width)) for _ in self.groups]
+            for number, white in self._whitened(shape.whitening(self.width)):
+                triangles[number] = triangle_of(white, triangles[number])
+            return [np.abs(np.diag(t)) if len(t) else np.zeros(self.width) for t in triangles], (
+                log_det
+            )
 
-    def _whitened(self, whitening: Whitening, group: slice) -> Iterator[FloatArray]:
-        for part in block_slices(group.stop - group.start):
-            rows = slice(group.start + part.start, group.start + part.stop)
-            yield whitening.whiten(self.record.view(rows), self.joint[rows] / self.norms)
+    def _whitened(self, whitening: Whitening) -> Iterator[tuple[int, FloatArray]]:
+        """Yield whitened columns of readings of one group, with the group; runs begin afresh."""
+        for rows, joint in self._joint():
+            white = whitening.whiten(self.record.view(rows), joint)
+            for number, part in parts_of_runs(self.groups, rows):
+                yield number, white[part.start - rows.start : part.stop - rows.start]
+
+    def _joint(self) -> Iterator[tuple[slice, FloatArray]]:
+        """Yield the readings of each block with their columns and residual, of unit length."""
+        for rows, block in self.columns.blocks():
+            joint = np.empty((block.shape[0], self.width))
+            np.divide(block, self.norms[:-1], out=joint[:, :-1])
+            np.divide(self.residual[rows], self.norms[-1], out=joint[:, -1])
+            yield rows, joint
 
 
 def _root(gram: FloatArray) -> FloatArray:

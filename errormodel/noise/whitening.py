@@ -8,7 +8,7 @@ import numba
 import numpy as np
 
 from errormodel.arrays import FloatArray, IntArray
-from errormodel.blocks import block_slices
+from errormodel.blocks import Blocked
 from errormodel.record import Record
 
 
@@ -105,17 +105,34 @@ class Whitening:
         return white
 
 
-def drift_product(record: Record, tau_s: float, columns: FloatArray) -> FloatArray:
-    """Return Xᵀ C X of `columns` X (n, p) with C = exp(−|t_j − t_k|/τ) within runs.
+class DriftProduct:
+    """Xᵀ C X of columns X (n, p) with C = exp(−|t_j − t_k|/τ) within runs, block after block.
 
     C is the identity, what lies below the diagonal, and its mirror image: one pass is enough.
     """
-    p = columns.shape[1]
-    carry, last = np.zeros(p), np.array([0.0, -1.0])
-    own, below = np.zeros((p, p)), np.zeros((p, p))
-    for rows in block_slices(len(record)):
-        data = np.ascontiguousarray(columns[rows], dtype=float)
-        sums = _earlier_sums(record.time_s[rows], record.run[rows], tau_s, data, carry, last)
-        own += data.T @ data
-        below += data.T @ sums
-    return own + below + below.T
+
+    def __init__(self, record: Record, tau_s: float, width: int) -> None:
+        self._record, self._tau_s = record, tau_s
+        self._carry, self._last = np.zeros(width), np.array([0.0, -1.0])
+        self._own, self._below = np.zeros((width, width)), np.zeros((width, width))
+
+    def add(self, rows: slice, columns: FloatArray) -> None:
+        """Add the next readings' columns."""
+        data = np.ascontiguousarray(columns, dtype=float)
+        time_s, run = self._record.time_s[rows], self._record.run[rows]
+        sums = _earlier_sums(time_s, run, self._tau_s, data, self._carry, self._last)
+        self._own += data.T @ data
+        self._below += data.T @ sums
+
+    @property
+    def total(self) -> FloatArray:
+        """The product so far, shape (p, p)."""
+        return self._own + self._below + self._below.T
+
+
+def drift_product(record: Record, tau_s: float, columns: Blocked) -> FloatArray:
+    """Return Xᵀ C X of `columns` X (n, p) with C = exp(−|t_j − t_k|/τ) within runs."""
+    product = DriftProduct(record, tau_s, columns.shape[1])
+    for rows, block in columns.blocks():
+        product.add(rows, block)
+    return product.total

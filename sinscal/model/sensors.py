@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from errormodel.arrays import FloatArray, IntArray, freeze, readonly
-from errormodel.fit import derivative
+from errormodel.columns import derivative
 from errormodel.model import ErrorModel
 from errormodel.record import Record
 from sinscal.model.terms import ANGLE, BASIC, CHANNELS, TIME_OFFSET, ChannelId, Maker, terms_of

@@ -5,7 +5,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from errormodel import blocks, columns
-from errormodel.fit import derivative, fit, fit_values
+from errormodel.columns import derivative
+from errormodel.fit import fit, fit_values
 from errormodel.model import ErrorModel
 from errormodel.noise.drift import NoiseModel
 from errormodel.record import Record

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from errormodel.fit import derivative
+from errormodel.columns import derivative
 from errormodel.record import Record
 from tests.errormodel.examples import decay_term, linear_term
 

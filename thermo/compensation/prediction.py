@@ -3,7 +3,7 @@
 import numpy as np
 
 from errormodel.arrays import FloatArray
-from errormodel.fit import derivative
+from errormodel.columns import derivative
 from errormodel.record import Record
 from thermo.compensation.model_file import AccelerometerModel
 from thermo.recording.channel import Channel

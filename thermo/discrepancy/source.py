@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from errormodel.arrays import FloatArray
+from errormodel.columns import derivative
 from errormodel.discrepancy.choices import Choice
 from errormodel.discrepancy.problem import (
     Candidate,
@@ -17,7 +18,6 @@ from errormodel.discrepancy.problem import (
     Theta,
     independent,
 )
-from errormodel.fit import derivative
 from errormodel.model import ErrorModel
 from errormodel.noise.shapes import NoiseShape
 from errormodel.record import Record

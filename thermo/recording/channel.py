@@ -169,7 +169,9 @@ def rows_of(runs: RecordedRuns, serial: str, mask: BoolArray) -> IntArray:
 
 
 def _channel(mine: RecordedRuns, serial: str, t_ref_c: float) -> Channel:
-    present, run = np.unique(mine.run.codes, return_inverse=True)
+    counts = np.bincount(mine.run.codes)
+    present = np.flatnonzero(counts)
+    run = sealed((np.cumsum(counts > 0) - 1)[mine.run.codes])
     time_s, temp_c = mine.time_s, _known_temperature(mine, t_ref_c)
     slow_c, rate = smooth_temperature(time_s, temp_c, run)
     slow_c -= t_ref_c
@@ -284,8 +286,17 @@ def _overlapping(starts_s: Sequence[float], lengths_s: Sequence[float]) -> bool:
 
 def direction_of(rate_c_per_min: FloatArray) -> NDArray[np.int8]:
     """Tell heating (1), cooling (−1) and hold (0) from the rate of temperature."""
-    fastest = float(np.quantile(np.abs(rate_c_per_min), 0.95)) if rate_c_per_min.size else 0.0
-    moving = np.abs(rate_c_per_min) > HOLD_SHARE * fastest
+    if not rate_c_per_min.size:
+        return np.zeros(0, dtype=np.int8)
+    speed = np.abs(rate_c_per_min)
+    fastest = float(np.quantile(speed, 0.95))
+    # between soaks the temperature may move in fewer readings: then the rate at which half of
+    # its way is made, which noise within the soaks hardly adds to
+    speed.sort()
+    way = np.cumsum(speed)
+    half = float(speed[np.searchsorted(way, 0.5 * way[-1])])
+    del way, speed
+    moving = np.abs(rate_c_per_min) > HOLD_SHARE * max(fastest, half)
     return np.where(moving, np.sign(rate_c_per_min), 0).astype(np.int8)
 
 

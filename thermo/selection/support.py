@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from errormodel.arrays import FloatArray
+from errormodel.arrays import FloatArray, sealed
 from errormodel.statistics.robust import robust_sigma
 from thermo.recording.channel import RATE_WINDOW_S, Channel
 from thermo.recording.labels import BoolArray
@@ -94,4 +94,4 @@ def settled(channel: Channel) -> FloatArray:
     for rows in np.split(order, cuts):
         if float(np.ptp(x[rows])) <= width:
             out[rows] = float(x[rows].mean())
-    return out
+    return sealed(out)

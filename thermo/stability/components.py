@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from errormodel.arrays import FloatArray, IntArray
-from errormodel.fit import derivative
+from errormodel.columns import derivative
 from errormodel.statistics.variance import (
     RandomFactor,
     VarianceFit,

@@ -6,8 +6,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from errormodel.arrays import FloatArray, IntArray
+from errormodel.columns import derivative
 from errormodel.errors import InputError
-from errormodel.fit import ModelFit, derivative, examine, fit
+from errormodel.fit import ModelFit, examine, fit
 from errormodel.model import ErrorModel
 from errormodel.noise.drift import NoiseFit, NoiseModel
 from errormodel.record import Record

@@ -7,13 +7,15 @@ input is missing. A joint score test (Rao 1948): indicators of the positions, pr
 model leaves, against their covariance under the noise that is there.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import special, stats
 
 from errormodel.arrays import FloatArray, IntArray
+from errormodel.blocks import block_slices
 from thermo.recording.channel import Channel
 from thermo.recording.runs import FORCES
 from thermo.uncertainty.linearised import Linearised
@@ -75,56 +77,79 @@ def by_position(
     if len(names) < 2:
         return None
     x = line.record["x_c"]
-    half = 0.5 * float(np.ptp(x))
-    tests = (_test(line, names, group, shape, by_angle) for shape in _shapes(x, half))
+    low, high = float(x.min()), float(x.max())
+    tests = (
+        _test(line, names, group, over_temperature, by_angle)
+        for over_temperature in ((False, True) if high > low else (False,))
+    )
     return max((one for one in tests if one), key=lambda one: one.sigmas, default=None)
 
 
-def _shapes(x: FloatArray, half: float) -> Iterator[FloatArray | None]:
-    yield None
-    if half > 0:
-        yield (x - 0.5 * float(x.min() + x.max())) / half
-
-
-def positions_of(channel: Channel) -> tuple[list[str], IntArray]:
+def positions_of(channel: Channel) -> tuple[list[str], NDArray[np.integer[Any]]]:
     """Return the positions' names and which of them each reading was taken at, shape (n,)."""
-    forces = np.column_stack([channel.record[n] for n in FORCES])
-    keys = np.round(forces / SAME_INPUT_G).astype(np.int64)
-    _, first, group = np.unique(keys, axis=0, return_index=True, return_inverse=True)
-    group = group.reshape(-1)
-    if first.size > MANY:
-        a_i = forces[:, 0]
+    forces = [channel.record[n] for n in FORCES]
+    found = _few_positions(forces)
+    if found is None:
+        a_i = forces[0]
         edges: FloatArray = np.linspace(float(a_i.min()), float(a_i.max()), MANY + 1)
         bins = np.digitize(a_i, edges[1:-1])
         present, group = np.unique(bins, return_inverse=True)
         middles: FloatArray = 0.5 * (edges[present] + edges[present + 1])
         return [f"{a:.2f} g along IA" for a in middles.tolist()], group.reshape(-1)
+    first, group = found
     at = channel.position_deg[first]
     return [
         f"{angle:g}°" if np.isfinite(angle) else "(" + ", ".join(f"{f:.3f}" for f in axis) + ") g"
-        for angle, axis in zip(at.tolist(), forces[first].tolist(), strict=True)
+        for angle, axis in zip(
+            at.tolist(), np.column_stack([f[first] for f in forces]).tolist(), strict=True
+        )
     ], group
+
+
+def _few_positions(forces: list[FloatArray]) -> tuple[IntArray, NDArray[np.int8]] | None:
+    """Return the first reading of each position and the position of each; None if many."""
+    group = np.empty(forces[0].size, dtype=np.int8)
+    known: dict[tuple[int, ...], tuple[int, int]] = {}  # number as it came, first reading
+    for rows in block_slices(group.size):
+        keys = np.column_stack([np.round(f[rows] / SAME_INPUT_G) for f in forces]).astype(np.int64)
+        begins = np.flatnonzero(np.any(np.diff(keys, axis=0) != 0, axis=1)) + 1
+        begins = np.concatenate([[0], begins])
+        numbers: list[int] = []
+        for begin, key in zip(begins.tolist(), keys[begins].tolist(), strict=True):
+            numbers.append(known.setdefault(tuple(key), (len(known), rows.start + begin))[0])
+            if len(known) > MANY:
+                return None
+        lengths = np.diff(np.append(begins, keys.shape[0]))
+        group[rows] = np.repeat(np.array(numbers, dtype=np.int8), lengths)
+    in_order = [known[key] for key in sorted(known)]
+    place = np.argsort([number for number, _ in in_order]).astype(np.int8)
+    return np.array([at for _, at in in_order]), place[group]
 
 
 def _test(
     line: Linearised,
     names: list[str],
-    group: IntArray,
-    shape: FloatArray | None,
+    group: NDArray[np.integer[Any]],
+    over_temperature: bool,
     by_angle: FloatArray | None,
 ) -> ByPosition | None:
     count = np.bincount(group, minlength=len(names))
     tested = np.flatnonzero(count >= LEAST)
-    at = group[:, None] == tested  # a byte each: the readings may be many
-    form = np.ones(1) if shape is None else shape
-    left = np.empty(at.shape)
-    for k in range(tested.size):  # one by one, for the same reason
-        left[:, k] = line.left((form * at[:, k])[:, None])[:, 0]
-    cov = line.variance(left)
+    x = line.record["x_c"]
+    middle, half = 0.5 * float(x.min() + x.max()), 0.5 * float(np.ptp(x))
+
+    def own(rows: slice) -> FloatArray:
+        """Return the indicators of the positions, or their temperatures from −1 to 1."""
+        here = (group[rows, None] == tested).astype(float)
+        return here * ((x[rows, None] - middle) / half) if over_temperature else here
+
+    sums = line.sums(line.left(own), tested.size)
+    along, gram, cov = sums.along, sums.gram, sums.cov
     if by_angle is not None:
-        errs = np.column_stack([left.T @ (by_angle * form * one) for one in at.T])
+        errs = np.zeros_like(gram)
+        for rows, left in line.left(own):
+            errs += left.T @ (by_angle[rows, None] * own(rows))
         cov = cov + errs @ errs.T
-    along, gram = left.T @ line.residual, left.T @ left
     values, vectors = np.linalg.eigh(gram)
     kept = vectors[:, values > RANK * float(count.max())]
     if not kept.shape[1]:
@@ -139,13 +164,18 @@ def _test(
     variance: FloatArray = np.maximum(np.diag(cov), float(np.finfo(float).tiny))
     single: FloatArray = np.square(along) / variance
     single[np.diag(gram) <= RANK * count.max()] = 0.0
-    means = 1e6 * ((form * line.residual) @ at) / (np.broadcast_to(form**2, group.shape) @ at)
+    totals, squares = np.zeros(tested.size), np.zeros(tested.size)
+    for rows in block_slices(group.size):
+        here = own(rows)
+        totals += here.T @ line.residual[rows]
+        squares += np.sum(here**2, axis=0)
+    means = 1e6 * totals / squares
     worst = np.argsort(-np.abs(means))[:SHOWN]
     told = np.asarray(single > ALONE * chi2, dtype=np.bool_)
     alone: list[int] = tested[told].tolist()
-    ends = 1.0 if shape is None else 2.0
+    ends = 2.0 if over_temperature else 1.0
     return ByPosition(
-        over_temperature=shape is not None,
+        over_temperature=over_temperature,
         rms_ug=1e6 * size,
         sigmas=_deviate(log_p, chi2),
         positions=tuple((names[tested[k]], ends * float(means[k])) for k in worst),

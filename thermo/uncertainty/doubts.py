@@ -21,11 +21,11 @@ from thermo.uncertainty.considered import (
     with_moves,
 )
 from thermo.uncertainty.left_out import LeftOut, left_out, noise_sentences
-from thermo.uncertainty.linearised import Linearised, shifted
+from thermo.uncertainty.linearised import Linearised, effect_of, shifted
+from thermo.uncertainty.not_shown import NotShown, holders, not_shown
 from thermo.uncertainty.run_differences import OddRun, odd_run
 from thermo.uncertainty.unseen_orders import Unseen, unseen_orders
 
-TAKES_UP = 0.05  # of its size: a coefficient that does holds it
 # Orders above the second are seldom large, and stand in several.
 MAY_BE_HELD = (*STATIC_NAMES, "k1", "k1_t1", "k1_t2")
 # Variance of a median over that of a mean, of values that are independent: the cells of heating
@@ -56,6 +56,8 @@ class Doubts:
     odd_run : OddRun or None
     left_out : tuple of LeftOut
         What the residual still follows.
+    not_shown : tuple of NotShown
+        Effects that these runs cannot tell from coefficients, whatever the residual.
     by_position : ByPosition or None
         How the residual follows the position.
     noise_sentences : tuple of str
@@ -76,6 +78,7 @@ class Doubts:
     unseen: tuple[Unseen, ...]
     odd_run: OddRun | None
     left_out: tuple[LeftOut, ...]
+    not_shown: tuple[NotShown, ...]
     by_position: ByPosition | None
     noise_sentences: tuple[str, ...]
     loop_sigma_ug: float | None
@@ -119,17 +122,19 @@ def doubts_of(
     unseen = unseen_orders(line, channel, chosen=lost is not None, outside=outside)
     inside = _inside(fit, t_ref_c, low, high) if outside else None
     whole = with_moves(fit, np.array([u.among(fit.names) for u in unseen]).T) if unseen else fit
+    follows = left_out(line, channel)
     weights = loop_weights(channel)
     loop_sigma = None
     if weights is not None:
-        kept = line.left(weights[:, None])
-        own, shared = line.by_the_rest(kept)[0, 0], line.by_drift(kept)[0, 0]
+        kept = line.sums(line.left(effect_of(weights)))
+        own, shared = kept.by_the_rest[0, 0], kept.by_drift[0, 0]
         loop_sigma = 1e6 * float(np.sqrt(MEDIAN * own + shared))
     return Doubts(
         inside=inside,
         unseen=unseen,
         odd_run=odd_run(line, channel.run_ids),
-        left_out=left_out(line, channel),
+        left_out=follows,
+        not_shown=not_shown(line, channel, follows),
         by_position=by_position(line, channel, by_angle),
         noise_sentences=tuple(noise_sentences(line, channel)),
         loop_sigma_ug=loop_sigma,
@@ -162,11 +167,7 @@ def _holders(line: Linearised, name: str) -> tuple[str, ...]:
     else:
         _, _, power = name.partition("_t")
         column = a_i * x ** int(power or 0)
-    moved = line.moved(column[:, None])[:, 0]
-    lengths = np.abs(moved) * np.linalg.norm(line.columns, axis=0)
-    least = TAKES_UP * float(np.linalg.norm(column))
-    names = zip(line.fit.names, lengths.tolist(), strict=True)
-    return tuple(n for n, length in names if length > least)
+    return holders(line, column)
 
 
 LAG_S, LOOP_UG, DRIFT_UG_H = 120.0, 20.0, 10.0

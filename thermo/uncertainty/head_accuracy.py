@@ -7,12 +7,13 @@ import numpy as np
 from errormodel.arrays import FloatArray
 from errormodel.fit import ModelFit
 from errormodel.record import Record
-from thermo.uncertainty.linearised import Linearised
+from thermo.uncertainty.linearised import Effects, Linearised
 
 ARCSEC = np.pi / 180.0 / 3600.0
 SIGMAS = 3.0  # of the noise: errors of single positions count when they stand out by that
 HARDLY = 1e-4  # of its size left over: nothing is
 MANY = 72  # positions; of more, each is visited too seldom to show its own
+FUNCTIONS = 5  # an offset and two harmonics
 STEP_RAD = 1e-4  # of the central difference: what is left of it is 1e-9 of the slope
 
 
@@ -35,28 +36,38 @@ def with_head_accuracy(line: Linearised, sigma_arcsec: float) -> Linearised:
     """
     head_deg, sigma = line.record["head_deg"], sigma_arcsec * ARCSEC
     by_angle = output_by_angle(line.fit, line.record)
-    smooth = by_angle[:, None] * _functions(head_deg)
-    moved = [line.moved(smooth) * sigma]
+
+    def smooth(rows: slice) -> FloatArray:
+        return by_angle[rows, None] * _functions(head_deg[rows])
+
+    moved = [line.by_normal(line.pull(smooth)) * sigma]
     positions, which = np.unique(np.round(head_deg, 2) % 360.0, return_inverse=True)
     if positions.size <= MANY:
-        own = by_angle[:, None] * (which[:, None] == np.arange(positions.size))
-        if _stand_out(line, own, smooth):
-            moved.append(line.moved(own) * sigma)
+
+        def own(rows: slice) -> FloatArray:
+            return by_angle[rows, None] * (which[rows, None] == np.arange(positions.size))
+
+        if _stand_out(line, own, smooth, positions.size):
+            moved.append(line.by_normal(line.pull(own)) * sigma)
     cov = line.fit.cov + sum(m @ m.T for m in moved)
     return replace(line, fit=replace(line.fit, cov=cov))
 
 
-def _stand_out(line: Linearised, own: FloatArray, smooth: FloatArray) -> bool:
+def _stand_out(line: Linearised, own: Effects, smooth: Effects, count: int) -> bool:
     """Tell whether single positions err by what neither the model nor a smooth function holds."""
-    even = line.left(smooth)
-    even, strengths, _ = np.linalg.svd(even, full_matrices=False)
-    even = even[:, strengths > HARDLY * float(np.linalg.norm(smooth))]
-    left = line.left(own)
-    left -= even @ (even.T @ left)
-    if not float(np.sum(left**2)) > HARDLY * float(np.sum(own**2)):
+    gram, size2, own2 = np.zeros((FUNCTIONS + count,) * 2), 0.0, 0.0
+    for rows, left in line.left(lambda rows: np.hstack([smooth(rows), own(rows)])):
+        gram += left.T @ left
+        size2 += float(np.sum(smooth(rows) ** 2))
+        own2 += float(np.sum(own(rows) ** 2))
+    strengths2, vectors = np.linalg.eigh(gram[:FUNCTIONS, :FUNCTIONS])
+    seen = strengths2 > HARDLY**2 * size2
+    even = vectors[:, seen] / np.sqrt(strengths2[seen])
+    taken = even @ (even.T @ gram[:FUNCTIONS, FUNCTIONS:])
+    sums = line.sums(line.left(lambda rows: own(rows) - smooth(rows) @ taken), count)
+    if not float(np.trace(sums.gram)) > HARDLY * own2:
         return False  # too few positions to show it
-    along = left.T @ line.residual
-    return float(along @ along) > SIGMAS**2 * float(np.trace(line.variance(left)))
+    return float(sums.along @ sums.along) > SIGMAS**2 * float(np.trace(sums.cov))
 
 
 def _functions(head_deg: FloatArray) -> FloatArray:

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 from scipy import stats
 
-from errormodel.arrays import FloatArray
+from errormodel.arrays import BoolArray, FloatArray
 from errormodel.errors import NotSeparableError
 from errormodel.fit import ModelFit, fit_values
 from errormodel.model import ErrorModel
@@ -48,13 +48,16 @@ def held_out(
     residual_ug = np.empty(len(everything.record))
     record = everything.record.with_only(model.needs)  # parts of it are then small
     for rows in record.run_slices:
-        mine = np.arange(len(record))[rows]
+        kept: BoolArray = np.ones(len(record), dtype=np.bool_)
+        kept[rows] = False
         try:
-            seen = record.take(np.delete(np.arange(len(record)), mine))
+            seen = record.take(kept)
             values = fit_values(model, seen, start=result.as_dict())
         except NotSeparableError:
             return None  # this run alone carries some coefficient: it cannot be predicted
-        residual_ug[rows] = _left_ug(model, record.take(mine), values)
+        del seen
+        mine = record.take(~kept)
+        residual_ug[rows] = _left_ug(model, mine, values)
     return summarise(everything, residual_ug)
 
 

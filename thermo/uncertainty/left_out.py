@@ -7,25 +7,21 @@ residual, which a missing effect makes too large: what stands out all the same i
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
-from numpy.polynomial import Legendre
 
-from errormodel.arrays import FloatArray
-from errormodel.model import ErrorModel
-from thermo.library.terms import MAX_ORDER, STATIC_NAMES, term
 from thermo.recording.channel import Channel
 from thermo.selection.residuals import rms
-from thermo.uncertainty.linearised import Linearised
+from thermo.uncertainty.linearised import Linearised, effect_of
+from thermo.uncertainty.missing_effects import Missing, missing_effects
 
-SIGMAS = 5.0  # of some twenty effects looked for: one false alarm in 100 000 fits of normal noise
+SIGMAS = 5.0  # of some thirty effects looked for: one false alarm in 100 000 fits of normal noise
 WORTH = 0.3  # of the white noise: a smaller effect is no matter for a reading
 MORE_THAN_NOISE = 1.3  # of the noise stated: no complete model left that much of 418 fits
 GROSS_G = 5e-3  # misalignments of 50 mrad and third orders of 1000 µg/g³ leave less with a model
-HIGHEST = 8
 LEAST_LEFT = 1e-5  # of an effect's square that the model does not hold; less is rounding or alias
 ALIKE = 0.8  # of the sigmas of the first: which of them it is, the residual does not tell
-LOOP_WIDTH_C = 10.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -50,66 +46,24 @@ class LeftOut:
 
 def left_out(line: Linearised, channel: Channel) -> tuple[LeftOut, ...]:
     """Return what the residual follows, the most significant first."""
-    found: list[LeftOut] = []
-    for name, words, effect in _effects(line, channel):  # one at a time: a recording may be long
-        column = line.left(effect[:, None])[:, 0]
-        length2 = float(column @ column)
-        if not length2 > LEAST_LEFT * float(effect @ effect):
-            continue  # the model has it, or the readings cannot tell it from what it has
-        amount = float(column @ line.residual) / length2
-        sigma = float(np.sqrt(line.variance(column[:, None])[0, 0])) / length2
-        size = abs(amount) * float(np.sqrt(length2 / column.size))
-        if abs(amount) > SIGMAS * sigma and size > WORTH * line.noise.white:
-            told = words.format(amount=amount)
-            sigmas = abs(amount) / sigma
-            found.append(LeftOut(name=name, words=told, rms_ug=1e6 * size, sigmas=sigmas))
+    # map holds no effect while the next one is made: a recording may be long
+    found = [one for one in map(partial(_told, line), missing_effects(line, channel)) if one]
     return tuple(sorted(found, key=lambda one: -one.sigmas))
 
 
-def _effects(line: Linearised, channel: Channel) -> Iterator[tuple[str, str, FloatArray]]:
-    """Yield effects that may be missing: name, words, and their column in the output."""
-    record, model = line.record, line.fit.model
-    held = set(model.names)
-    x = record["x_c"]
-    ends = (float(x.min()), float(x.max()))
-    if ends[1] > ends[0]:
-        yield from _orders(x, ends, channel, held)
-        rate = record["rate_c_per_min"]
-        lag = "the rate of temperature times the slope over temperature (a lag of {amount:.3g} s)"
-        yield "thermal_lag", lag, -line.by_temperature() * rate / 60.0
-        yield "temperature_rate_bias", "the rate of temperature", rate
-        values = {"bias_hysteresis": 1.0, "bias_hysteresis_width": LOOP_WIDTH_C}
-        loop = ErrorModel((term("bias_hysteresis"),))
-        direction = loop.simulate(record.with_signals(a_i_g=np.zeros(len(record))), values)
-        yield "bias_hysteresis", "the direction of the temperature", direction
-        if channel.has_input:
-            yield (
-                "temperature_rate_scale",
-                "the rate of temperature times the input",
-                (rate * record["a_i_g"]),
-            )
-    yield "bias_drift", "the time within a run ({amount:.1e} g/h)", record.time_s / 3600.0
-    if channel.has_input:
-        for name in STATIC_NAMES:
-            if name not in held:
-                alone = ErrorModel((term(name),))
-                column = alone.simulate(record, {name: 1.0}) - record["a_i_g"]
-                if np.any(column):
-                    yield name, f"the input as {name} does", column
-
-
-def _orders(
-    x: FloatArray, ends: tuple[float, float], channel: Channel, held: set[str]
-) -> Iterator[tuple[str, str, FloatArray]]:
-    for order in range(1, HIGHEST + 1):
-        shape = np.asarray(Legendre.basis(order, domain=list(ends))(x))
-        high = order > MAX_ORDER
-        name = "_above_4" if high else f"_t{order}"
-        if f"k0{name}" not in held:
-            yield f"k0{name}", f"the temperature to the power {order}", shape
-        if channel.has_input and f"k1{name}" not in held:
-            times = f"the temperature to the power {order} times the input"
-            yield f"k1{name}", times, shape * channel.record["a_i_g"]
+def _told(line: Linearised, effect: Missing) -> LeftOut | None:
+    """Return an effect that the residual follows; None where it does not."""
+    sums = line.sums(line.left(effect_of(effect.column)))
+    length2 = float(sums.gram[0, 0])
+    if not length2 > LEAST_LEFT * float(effect.column @ effect.column):
+        return None  # the model has it, or the readings cannot tell it from what it has
+    amount = float(sums.along[0]) / length2
+    sigma = float(np.sqrt(sums.cov[0, 0])) / length2
+    size = abs(amount) * float(np.sqrt(length2 / effect.column.size))
+    if not (abs(amount) > SIGMAS * sigma and size > WORTH * line.noise.white):
+        return None
+    told, sigmas = effect.follows.format(amount=amount), abs(amount) / sigma
+    return LeftOut(name=effect.name, words=told, rms_ug=1e6 * size, sigmas=sigmas)
 
 
 def dwell_s(channel: Channel) -> float | None:

@@ -4,19 +4,55 @@ All that a fit says beyond its estimates hangs on this: what runs that differ, a
 off or an order left out do to the coefficients, and whether the residual still follows something.
 """
 
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
+from typing import TypeAlias
 
 import numpy as np
 from scipy import linalg
 
 from errormodel.arrays import FloatArray
+from errormodel.blocks import block_slices, parts_of_runs
 from errormodel.columns import Columns
 from errormodel.fit import ModelFit
 from errormodel.noise.drift import NoiseModel
-from errormodel.noise.whitening import drift_product
+from errormodel.noise.whitening import DriftProduct
 from errormodel.record import Record
 from errormodel.run_effects import RunEffect
 from thermo.library.terms import MAX_ORDER
+
+# Effects (n, m) on the output, given for the readings of a block: they need not stand whole.
+Effects: TypeAlias = Callable[[slice], FloatArray]
+
+
+def effect_of(whole: FloatArray) -> Effects:
+    """Return one effect that stands whole, shape (n,)."""
+    return lambda rows: whole[rows, None]
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Sums:
+    """Sums of readings with weights (n, m): products of the weights, and what the noise does.
+
+    Attributes
+    ----------
+    gram : ndarray, shape (m, m)
+        Of the weights.
+    along : ndarray, shape (m,)
+        The weights times the residual.
+    by_drift, by_the_rest : ndarray, shape (m, m)
+        Covariance of the sums by the drift; by the white noise and the runs' differences.
+    """
+
+    gram: FloatArray
+    along: FloatArray
+    by_drift: FloatArray
+    by_the_rest: FloatArray
+
+    @property
+    def cov(self) -> FloatArray:
+        """Covariance of the sums, shape (m, m)."""
+        return self.by_drift + self.by_the_rest
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -69,34 +105,50 @@ class Linearised:
         """Return how far changes of the normal equations' right side move the estimates."""
         return np.asarray(self._inverse @ pull)
 
-    def left(self, added: FloatArray) -> FloatArray:
-        """Return what the estimates do not take up of something added to the output."""
-        taken = self.columns @ self.moved(added)
-        return np.subtract(added, taken, out=taken)
+    def pull(self, effects: Effects) -> FloatArray:
+        """Return effects on the right side of the normal equations, shape (p, m)."""
+        pull = np.zeros((self.columns.shape[1], 1))
+        for rows, block in self.columns.blocks():
+            pull = pull + block.T @ effects(rows)
+        return pull
 
-    def variance(self, weights: FloatArray) -> FloatArray:
-        """Return the covariance of sums of readings with weights (n, m), shape (m, m).
+    def left(self, effects: Effects) -> Iterator[tuple[slice, FloatArray]]:
+        """Yield the readings of each block with what the estimates do not take up of effects."""
+        moved = self._inverse @ self.pull(effects)
+        for rows, block in self.columns.blocks():
+            yield rows, effects(rows) - block @ moved
+
+    def sums(self, weights: Iterable[tuple[slice, FloatArray]], width: int = 1) -> Sums:
+        """Return sums of readings with weights (n, width), given block by block.
 
         The sums are of what the estimates leave: only what the runs differ by is in them.
         """
-        return self.by_drift(weights) + self.by_the_rest(weights)
+        noise, runs = self.noise, self.record.run_slices
+        gram, along = np.zeros((width, width)), np.zeros(width)
+        drift = DriftProduct(self.record, noise.drift_tau_s, width)
+        seen = np.zeros((len(runs), len(self.run_effects), width))
+        for (rows, own), directed in zip(weights, self._directed(), strict=True):
+            gram += own.T @ own
+            along += own.T @ self.residual[rows]
+            if noise.drift > 0:
+                drift.add(rows, own)
+            for number, part in parts_of_runs(runs, rows) if self.run_effects else ():
+                mine = slice(part.start - rows.start, part.stop - rows.start)
+                seen[number] += directed[mine].T @ own[mine]
+        sigmas = np.array([effect.seen_sigma for effect in self.run_effects])
+        by_runs = (sigmas[:, None] * seen).reshape(-1, width)
+        return Sums(
+            gram=gram,
+            along=along,
+            by_drift=noise.drift**2 * drift.total,
+            by_the_rest=noise.white**2 * gram + by_runs.T @ by_runs,
+        )
 
-    def by_drift(self, weights: FloatArray) -> FloatArray:
-        """Return the drift's share of `variance`."""
-        noise = self.noise
-        if not noise.drift > 0:
-            return np.zeros((weights.shape[1],) * 2)
-        return noise.drift**2 * drift_product(self.record, noise.drift_tau_s, weights)
-
-    def by_the_rest(self, weights: FloatArray) -> FloatArray:
-        """Return the share of the white noise and of the runs' differences in `variance`."""
-        total = self.noise.white**2 * (weights.T @ weights)
-        along = self.columns @ self.run_directions if self.run_effects else np.empty((0, 0))
-        for k, effect in enumerate(self.run_effects):
-            for rows in self.record.run_slices:
-                seen = weights[rows].T @ along[rows, k]
-                total = total + effect.seen_sigma**2 * np.outer(seen, seen)
-        return np.asarray(total)
+    def _directed(self) -> Iterator[FloatArray]:
+        """Return what the runs' effects do to the readings of each block; nothing without any."""
+        if not self.run_effects:
+            return (np.zeros((0, 0)) for _ in block_slices(len(self.record)))
+        return (block @ self.run_directions for _, block in self.columns.blocks())
 
     def run_moves(self, k: int) -> FloatArray:
         """Return how far effect k in each run moves the estimates, shape (p, runs)."""

@@ -20,6 +20,7 @@ Leeb, H. and Pötscher, B. M. (2005), Model selection and inference: facts and f
 Theory 21, 21-59: after a selection the chosen model's own covariance is too small.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from math import comb
 
@@ -27,6 +28,7 @@ import numpy as np
 
 from errormodel.arrays import FloatArray
 from errormodel.columns import Columns
+from errormodel.linear import triangle_of
 from thermo.library.terms import MAX_ORDER
 from thermo.recording.channel import Channel
 from thermo.selection.support import settled
@@ -84,20 +86,16 @@ def unseen_orders(
     """
     flat = settled(channel)
     centre = 0.5 * float(flat.min() + flat.max())
-    held = _Held.of(line, flat)
     above = [
         (order, family)
         for order in range(1, MAX_ORDER + 1)
         for family in FAMILIES
         if order > _top(line, family)
     ]
+    held = _Held(line, flat, centre, above)
     found: list[Unseen] = []
-    for order, family in above:
-        gain = line.fit.value("k1") if family == "k1" else 1.0
-        base = held.columns @ (gain * np.eye(len(line.fit.names))[line.fit.names.index(family)])
-        left, moves = held.without(
-            base * (flat - centre) ** order, _there(line, family, order, centre)
-        )
+    for k, (order, family) in enumerate(above):
+        left, moves = held.without(k, _there(line, family, order, centre))
         sigma, amount = held.known(left)
         usual = _usual(line, channel, family, order)
         if chosen or outside or usual < UNLIMITED * sigma:
@@ -152,54 +150,80 @@ def _there(line: Linearised, family: str, order: int, centre: float) -> dict[str
 
 
 class _Held:
-    """What a fit holds, and by turns the orders above it, each without those before."""
+    """What a fit holds, and by turns the orders above it, each without those before.
 
-    def __init__(self, line: Linearised, columns: Columns) -> None:
-        self.line = line
-        self.columns = columns
-        triangle = columns.triangle()
-        norms = np.linalg.norm(triangle, axis=0)
+    All are sums of the fit's columns, soaks at one temperature, and of the orders' effects: of
+    these only the triangle is kept, and what is left of an effect as its factors.
+    """
+
+    def __init__(
+        self, line: Linearised, flat: FloatArray, centre: float, above: list[tuple[int, str]]
+    ) -> None:
+        self.line, self._flat, self._centre, self._above = line, flat, centre, above
+        still = line.record.with_signals(x_c=flat)
+        self._columns = Columns(line.fit.model, still, line.fit.as_dict())
+        triangle: FloatArray | None = None
+        for _, block in self._blocks():
+            triangle = triangle_of(block, triangle)
+        assert triangle is not None  # a fit has readings
+        self._basis = triangle  # columns and effects in the axes that the rotation found
+        held = triangle[:, : self._columns.shape[1]]
+        norms = np.linalg.norm(held, axis=0)
         norms = np.where(norms > 0, norms, 1.0)
-        root = np.linalg.pinv(triangle / norms, rcond=1e-9) / norms[:, None]
-        self._inverse = root @ root.T
+        root = np.linalg.pinv(held / norms, rcond=1e-9) / norms[:, None]
+        self._held, self._inverse = held, root @ root.T
         self._before: list[tuple[FloatArray, dict[str, float]]] = []
 
-    @classmethod
-    def of(cls, line: Linearised, flat: FloatArray) -> "_Held":
-        still = line.record.with_signals(x_c=flat)
-        return cls(line, Columns(line.fit.model, still, line.fit.as_dict()))
+    def _blocks(self) -> Iterator[tuple[slice, FloatArray]]:
+        """Yield the readings of each block with the fit's columns and the orders' effects."""
+        fit = self.line.fit
+        for rows, block in self._columns.blocks():
+            x = self._flat[rows] - self._centre
+            effects = [
+                (fit.value("k1") if family == "k1" else 1.0)
+                * block[:, fit.names.index(family)]
+                * x**order
+                for order, family in self._above
+            ]
+            yield rows, np.column_stack([block, *effects])
 
-    def without(
-        self, effect: FloatArray, there: dict[str, float]
-    ) -> tuple[FloatArray, dict[str, float]]:
-        """Return what is left of an effect, 0 when nothing, and its moves of the coefficients.
+    def without(self, k: int, there: dict[str, float]) -> tuple[FloatArray, dict[str, float]]:
+        """Return what is left of the k-th effect and its moves of the coefficients.
 
-        A move is what the fit takes up less what is there.
+        What is left is given as factors of the columns and effects, 0 when nothing. A move is
+        what the fit takes up less what is there.
         """
-        left, moved = effect, np.zeros(self.columns.shape[1])
+        p = self._columns.shape[1]
+        factors = np.zeros(self._basis.shape[1])
+        factors[p + k] = 1.0
+        effect = left = self._basis[:, p + k]
+        moved = np.zeros(p)
         # twice is enough for rounding (Parlett, The Symmetric Eigenvalue Problem)
         for _ in range(2):
-            more = self._inverse @ self.columns.transposed_times(left)
-            left, moved = left - self.columns @ more, moved + more
+            more = self._inverse @ (self._held.T @ left)
+            left, moved = left - self._held @ more, moved + more
+        factors[:p] -= moved
         moves = dict(zip(self.line.fit.names, moved.tolist(), strict=True))
         for name, own in there.items():
             moves[name] = moves.get(name, 0.0) - own
-        for direction, its_moves in self._before:
+        for before, its_moves in self._before:
+            direction = self._basis @ before
             share = float(direction @ left) / float(direction @ direction)
             left = left - share * direction
+            factors -= share * before
             for name, own in its_moves.items():
                 moves[name] = moves.get(name, 0.0) - share * own
         if float(left @ left) <= LEAST_LEFT * float(effect @ effect):
-            left = np.zeros_like(left)
-        return left, moves
+            factors = np.zeros_like(factors)
+        return factors, moves
 
     def known(self, left: FloatArray) -> tuple[float, float]:
         """Return sigma and estimate of an effect by what is left of it; infinite when nothing."""
-        length2 = float(left @ left)
-        if not length2 > 0:
+        if not np.any(left):
             return float("inf"), 0.0
-        sigma = float(np.sqrt(self.line.variance(left[:, None])[0, 0])) / length2
-        return sigma, float(left @ self.line.residual) / length2
+        sums = self.line.sums((rows, block @ left[:, None]) for rows, block in self._blocks())
+        length2 = float(sums.gram[0, 0])
+        return float(np.sqrt(sums.cov[0, 0])) / length2, float(sums.along[0]) / length2
 
     def take(self, left: FloatArray, moves: dict[str, float], sigma: float) -> None:
         """Hold an effect too, where the readings know of it."""

@@ -16,7 +16,7 @@ from accelbench.shell.plotting import (
     thinned,
 )
 from errormodel.arrays import FloatArray
-from errormodel.fit import derivative
+from errormodel.columns import derivative
 from errormodel.model import ErrorModel
 from errormodel.record import Record
 from sinscal.combination.combine import Combination

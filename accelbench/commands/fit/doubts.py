@@ -1,12 +1,13 @@
 """What a fit's coefficients and sigmas do not say by themselves, a sentence each."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from accelbench.shell.console import number
 from thermo.compensation.model_file import inside_of
 from thermo.fitting.fit import AccelerometerFit
 from thermo.uncertainty.by_position import by_position_sentence
 from thermo.uncertainty.left_out import left_out_sentence
+from thermo.uncertainty.not_shown import not_shown_sentence
 
 # Of what may differ from run to run: factor to the unit, the unit, and in what.
 UNITS = {
@@ -48,6 +49,16 @@ def doubt_sentences(one: AccelerometerFit) -> Iterator[str]:
         )
     if one.heldout is None and len(one.channel.run_ids) > 1 and not one.heldout_runs:
         yield "no run can be held out: without it the others cannot give every coefficient"
+
+
+def not_shown_lines(fits: Sequence[AccelerometerFit]) -> Iterator[str]:
+    """Tell what a test cannot show, once for all accelerometers of which it is the same."""
+    alike: dict[str, list[str]] = {}
+    for one in fits:
+        alike.setdefault(not_shown_sentence(one.doubts.not_shown), []).append(one.serial)
+    for told, serials in alike.items():
+        if told:
+            yield told if len(alike) == 1 else f"{', '.join(serials)}: {told}"
 
 
 def _extrapolated(one: AccelerometerFit) -> Iterator[str]:

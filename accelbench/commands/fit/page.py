@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from accelbench.commands.fit.doubts import not_shown_lines
 from accelbench.commands.fit.figures import MAX_ACCELEROMETERS, pictures
 from accelbench.commands.fit.text import sentences, value_and_sigma
 from accelbench.shell.console import micro_g, number
@@ -88,6 +89,7 @@ def render_report(
         clip_rule=CLIP_RULE,
         summary=_summary(fits),
         told=[(f.serial, list(sentences(f))) for f in fits],
+        not_shown=list(not_shown_lines(fits)),
         coefficients=_coefficients(fits),
         sources=source_rows(runs, {run for f in fits for run in f.digests}),
         conventions=CONVENTIONS,

@@ -6,7 +6,12 @@ from typing import Any
 from rich.console import RenderableType
 from rich.table import Table
 
-from accelbench.commands.fit.doubts import UNITS, doubt_sentences, run_to_run_sentence
+from accelbench.commands.fit.doubts import (
+    UNITS,
+    doubt_sentences,
+    not_shown_lines,
+    run_to_run_sentence,
+)
 from accelbench.shell.console import micro_g, number, table
 from thermo.compensation.model_file import ModelFile, inside_of, reported, run_to_run_of
 from thermo.fitting.findings import LoopFinding, find_loop, find_order
@@ -99,6 +104,10 @@ def _doubts(one: AccelerometerFit) -> dict[str, Any]:
             {"name": f.name, "follows": f.words, "rms_ug": f.rms_ug, "sigmas": f.sigmas}
             for f in doubts.left_out
         ],
+        "not_shown": [
+            {"name": n.name, "effect": n.words, "stands_in": list(n.stands_in)}
+            for n in doubts.not_shown
+        ],
         "follows_position": _followed(doubts.by_position),
         "thermistor_noise_c": doubts.thermistor_noise_c,
         "output_step_ug": doubts.output_step_ug,
@@ -142,6 +151,9 @@ def fit_text(fits: Sequence[AccelerometerFit], model: ModelFile) -> Iterator[Ren
         yield f"{one.serial}: {one.fit.n} readings in {len(one.channel.run_ids)} run(s)"
         for line in sentences(one):
             yield f"  {line}"
+        yield ""
+    for line in not_shown_lines(fits):
+        yield line
         yield ""
     for first in range(0, len(fits), COLUMNS_ABREAST):
         yield _coefficients(fits[first : first + COLUMNS_ABREAST])

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from errormodel.blocks import Kept
 from errormodel.noise.drift import NoiseModel, estimate_noise
 from errormodel.noise.whitening import drift_product
 from errormodel.record import Record
@@ -36,7 +37,7 @@ def test_covariance_product_in_linear_time_is_the_dense_one() -> None:
     record = uneven_record()
     columns = np.random.default_rng(0).standard_normal((len(record), 3))
     expected = columns.T @ covariance(record, NOISE) @ columns
-    drift = NOISE.drift**2 * drift_product(record, NOISE.drift_tau_s, columns)
+    drift = NOISE.drift**2 * drift_product(record, NOISE.drift_tau_s, Kept(columns))
     assert_allclose(NOISE.white**2 * columns.T @ columns + drift, expected, rtol=1e-10)
 
 

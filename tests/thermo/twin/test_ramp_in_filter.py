@@ -2,9 +2,10 @@
 
 import numpy as np
 
+from errormodel.columns import derivative
 from errormodel.filter.kalman import initial_state
 from errormodel.filter.steps import Steps, run_filter
-from errormodel.fit import derivative, fit
+from errormodel.fit import fit
 from errormodel.noise.drift import NoiseModel
 from errormodel.record import Record
 from thermo.recording.runs import head_force_g
