@@ -5,7 +5,7 @@ rig`. Nothing is imported before it is asked for::
 
     import accelbench as ab
 
-    runs = ab.read_runs("run.csv")
+    runs = ab.read_runs(["run.csv"])
     model = ab.fit(runs)
     model.to_dataframe()
     model.plot()[0]
@@ -14,6 +14,8 @@ rig`. Nothing is imported before it is asked for::
 import importlib
 from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING, Any
+
+from accelbench.lazy_names import lazy_names
 
 if TYPE_CHECKING:
     from accelbench import rig
@@ -94,7 +96,7 @@ _HOMES = {
     "thermo.recording.write": ("write_runs",),
     "thermo.store.files": ("open_existing_store", "stored_runs"),
 }  # fmt: skip
-_HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
+_get = lazy_names("accelbench", {name: home for home, names in _HOMES.items() for name in names})
 
 
 def __getattr__(name: str) -> Any:
@@ -104,11 +106,7 @@ def __getattr__(name: str) -> Any:
             return version("accelbench")
         except PackageNotFoundError:
             return "unknown"
-    if name == "rig":
-        return importlib.import_module("accelbench.rig")
-    if name not in _HOME_OF:
-        raise AttributeError(f"module 'accelbench' has no attribute {name!r}")
-    return getattr(importlib.import_module(_HOME_OF[name]), name)
+    return importlib.import_module("accelbench.rig") if name == "rig" else _get(name)
 
 
 def __dir__() -> list[str]:

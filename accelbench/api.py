@@ -326,25 +326,12 @@ def combine(
     InputError
         If the model lacks an accelerometer or the run lacks what the mode needs.
     """
-    import numpy as np
-
     from accelbench.joint.chambers import chamber_model
-    from accelbench.joint.result_file import make_combined
-    from sinscal.calibration.noise import noise_of_run
-    from sinscal.combination.combine import combine as combine_run
-    from sinscal.judgement.judge import judge
-    from sinscal.model.terms import BASIC
+    from accelbench.joint.combined import combine_and_judge
 
     names = serials or tuple(a.serial for a in model.accelerometers)
     chambers = [chamber_model(model.of(name)) for name in names]
-    noise = noise_of_run(run, angle=mode == "precise" and run.rig_angle_rad is not None)
-    wanted = (*BASIC, *(g for g in groups if g not in BASIC))
-    made = combine_run(run, chambers, mode, groups=wanted, noise=noise.noise)
-    flagged = [int(np.sum(np.asarray(run.flag)[rows])) for rows in run.cycles]
-    judged = judge(
-        made.calibration, flagged, (), noise_known=not noise.estimated, warnings=noise.warnings
-    )
-    result = make_combined(made, judged, run, chambers)
+    made, _, result = combine_and_judge(run, chambers, mode, groups=groups)
     document = result.model_dump(mode="json")
 
     def pictures() -> "Iterable[Picture]":

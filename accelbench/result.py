@@ -24,7 +24,7 @@ class Result(Generic[T_co]):
     found : object
         The values as the package below has them, for everything that the table does not hold.
     document : mapping
-        The document that the command writes with --json.
+        The document that the command writes with --json, without what is of files alone.
     """
 
     title: str

@@ -48,7 +48,8 @@ def folders() -> Graph:
 
 
 def _folder(path: Path) -> str:
-    parts = path.relative_to(ROOT).parts
+    # the folders of the commands are drawn as rooms of the shell
+    parts = [p for p in path.relative_to(ROOT).parts if p != "commands"]
     return f"{parts[0]}.{parts[1]}" if len(parts) > 2 else parts[0]
 
 

@@ -1,7 +1,8 @@
 """Calibration of a SINS on a rig: the twins of the commands of `accelbench rig`."""
 
-import importlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from accelbench.lazy_names import lazy_names
 
 if TYPE_CHECKING:
     from accelbench.rig.api import calibrate, covariance, discrepancy, flight, simulate, triad
@@ -28,29 +29,21 @@ __all__ = [
     "write_rig_run",
 ]
 
-_HOMES = {
-    "Options": ("sinscal.judgement.judge", "Options"),
-    "calibrate": ("accelbench.rig.api", "calibrate"),
-    "compensate": ("sinscal.model.compensate", "compensate_run"),
-    "covariance": ("accelbench.rig.api", "covariance"),
-    "discrepancy": ("accelbench.rig.api", "discrepancy"),
-    "flight": ("accelbench.rig.api", "flight"),
-    "read_nav_run": ("sinscal.recording.files", "read_nav_run"),
-    "read_programme": ("sinscal.twin.rig_file", "read_rig_file"),
-    "read_result": ("sinscal.judgement.result_file", "read_result"),
-    "read_run": ("sinscal.recording.files", "read_rig_run"),
-    "simulate": ("accelbench.rig.api", "simulate"),
-    "triad": ("accelbench.rig.api", "triad"),
-    "write_rig_run": ("sinscal.recording.files", "write_rig_run"),
-}
-
-
-def __getattr__(name: str) -> Any:
-    """Import a name when it is first asked for."""
-    if name not in _HOMES:
-        raise AttributeError(f"module 'accelbench.rig' has no attribute {name!r}")
-    home, attribute = _HOMES[name]
-    return getattr(importlib.import_module(home), attribute)
+__getattr__ = lazy_names("accelbench.rig", {
+    "Options": "sinscal.judgement.judge",
+    "calibrate": "accelbench.rig.api",
+    "compensate": "sinscal.model.compensate:compensate_run",
+    "covariance": "accelbench.rig.api",
+    "discrepancy": "accelbench.rig.api",
+    "flight": "accelbench.rig.api",
+    "read_nav_run": "sinscal.recording.files",
+    "read_programme": "sinscal.twin.rig_file:read_rig_file",
+    "read_result": "sinscal.judgement.result_file",
+    "read_run": "sinscal.recording.files:read_rig_run",
+    "simulate": "accelbench.rig.api",
+    "triad": "accelbench.rig.api",
+    "write_rig_run": "sinscal.recording.files",
+})  # fmt: skip
 
 
 def __dir__() -> list[str]:

@@ -8,7 +8,6 @@ import numpy as np
 
 from accelbench.result import Result, named_rows, no_pictures
 from sinscal.judgement.judge import Options
-from sinscal.model.priors import make_prior
 
 if TYPE_CHECKING:
     from accelbench.shell.plotting import Picture
@@ -90,21 +89,10 @@ def covariance(
         One row a parameter, with its sigma before and after.
     """
     from accelbench.commands.rig_plan.text import analysis_document
-    from sinscal.planning.covariance import rig_covariance
-    from sinscal.twin.rehearse import sensors_with
+    from sinscal.planning.advice import analyse_programme
 
-    angle = mode == "precise"
-    sensors = sensors_with(groups, programme, angle=angle)
-    found = rig_covariance(
-        programme,
-        sensors,
-        make_prior(sensors, None),
-        programme.noise.filtered,
-        angle=angle,
-        azimuth_sigma_rad=programme.azimuth_sigma_rad,
-        warming=programme.warming,
-    )
-    document = analysis_document({mode: found}, {})
+    found, advice = analyse_programme(programme, mode, groups)
+    document = analysis_document({mode: found}, {mode: advice})
 
     def pictures() -> "Iterable[Picture]":
         from accelbench.commands.rig_plan.figures import draw_budget, draw_correlations, draw_sigmas
@@ -168,19 +156,19 @@ def flight(
     Result
         One row a moment, with the position error.
     """
-    from sinscal.flight.covariance import FlightNoise, assess, flight_sensitivity
+    from accelbench.commands.rig_flight.text import flight_document, fly
+    from sinscal.flight.covariance import FlightNoise
     from sinscal.flight.trajectory import FlightPlan
     from sinscal.model.residual_errors import Calibration
 
+    plan, noise = plan or FlightPlan(), noise or FlightNoise()
     one = Calibration.of_sensors(list(result.names), np.array(result.covariance))
-    made = flight_sensitivity(
-        plan or FlightPlan(), one.names, noise=noise or FlightNoise(), every_s=every_s
-    )
-    found = assess(made, one)
+    flown = fly(result.mode, one, plan, noise, every_s=every_s)
+    found = flown.found
     return Result(
         title=f"position error {found.rho_end_m:.0f} m at the end",
         found=found,
-        document={"rho_m": found.rho_end_m},
+        document=flight_document(plan, noise, [flown]),
         rows=lambda: [
             {"time_s": float(t), "rho_m": float(rho)}
             for t, rho in zip(found.time_s, found.rho_m, strict=True)

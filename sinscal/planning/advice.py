@@ -3,15 +3,18 @@
 Each change is tried on the same filter: its sigmas say what the programme as it is gives away.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+from sinscal.calibration.rig import Mode
 from sinscal.filter.data import RigNoise
 from sinscal.frames.earth import ARCMIN
-from sinscal.model.priors import RigPrior, told_group
+from sinscal.model.priors import PriorFile, RigPrior, make_prior, told_group
 from sinscal.model.sensors import SensorModel
 from sinscal.planning.covariance import RigCovariance, rig_covariance
 from sinscal.twin.programme import Cycle, Programme, Segment
+from sinscal.twin.rehearse import sensors_with
+from sinscal.twin.rig_file import RigFile
 from sinscal.twin.simulate import Warming
 
 WORTH_TELLING = 3.0  # times better
@@ -43,6 +46,37 @@ class Advice:
     def factor(self) -> float:
         """How many times better the parameter becomes."""
         return self.before / self.after
+
+
+def analyse_programme(
+    file: RigFile, mode: Mode, groups: Sequence[str], priors: PriorFile | None = None
+) -> tuple[RigCovariance, tuple[Advice, ...]]:
+    """Compute the covariance of a rig programme's calibration, with what changes would bring.
+
+    Parameters
+    ----------
+    file : RigFile
+    mode : {"coarse", "precise"}
+    groups : sequence of str
+        Groups of errors beside the basic ones; those of the rig's angle count in precise mode only.
+    priors : PriorFile, optional
+
+    Raises
+    ------
+    ValueError
+        If the programme's cycles show nothing of an error.
+    """
+    angle = mode == "precise"
+    wanted = [g for g in groups if angle or not g.startswith("rig_")]
+    sensors = sensors_with(wanted, file, angle=angle)
+    prior, noise = make_prior(sensors, priors), file.noise.filtered
+    azimuth, warming = file.azimuth_sigma_rad, file.warming
+    found = rig_covariance(
+        file, sensors, prior, noise, angle=angle, azimuth_sigma_rad=azimuth, warming=warming
+    )
+    return found, plan_advice(
+        found, file, sensors, prior, noise, angle=angle, azimuth_sigma_rad=azimuth, warming=warming
+    )
 
 
 def plan_advice(

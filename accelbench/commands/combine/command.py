@@ -4,12 +4,12 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import click
-import numpy as np
 
 from accelbench.commands.combine.text import combined_text
 from accelbench.commands.rig_calibrate.options import asked_groups
 from accelbench.joint.chambers import chamber_model, three_serials
-from accelbench.joint.result_file import CombinedResult, make_combined
+from accelbench.joint.combined import combine_and_judge
+from accelbench.joint.result_file import CombinedResult
 from accelbench.shell.console import emit
 from accelbench.shell.outputs import (
     REPORT_NAME,
@@ -20,14 +20,11 @@ from accelbench.shell.outputs import (
 )
 from accelbench.shell.surroundings import show_warnings_at_once
 from errormodel.io.atomic import write_files
-from sinscal.calibration.noise import noise_of_run
 from sinscal.combination.combine import Combination
-from sinscal.combination.combine import combine as combine_run
-from sinscal.judgement.judge import Judged, judge
+from sinscal.judgement.judge import Judged
 from sinscal.judgement.result_file import dump_result
 from sinscal.model.chamber import ChamberModel
 from sinscal.model.priors import read_priors
-from sinscal.model.terms import BASIC
 from sinscal.recording.files import read_rig_run
 from sinscal.recording.run import RigRun
 from thermo.compensation.model_file import ModelFile, read_model
@@ -76,31 +73,20 @@ def combine(
     """
     inputs = [thermal, *with_sidecars([rig]), *([priors] if priors else [])]
     check_results(out, report, inputs, force=force)
-    asked = [g for g in asked_groups(groups) if g not in BASIC]
+    asked = asked_groups(groups)
     chambers = _chambers(read_model(thermal), accelerometers)
     known = read_priors(priors) if priors else None
     run = read_rig_run(rig)
     show_warnings_at_once()
-    noise = noise_of_run(run, angle=mode == "precise" and run.rig_angle_rad is not None)
-    made = combine_run(
+    made, judged, result = combine_and_judge(
         run,
         chambers,
         "precise" if mode == "precise" else "coarse",
-        groups=(*BASIC, *asked),
+        groups=asked,
         priors=known,
         turn_on={"k0": 1e-6 * turn_on_ug, "k1": 1e-6 * turn_on_ppm},
-        noise=noise.noise,
         tell=lambda text: click.echo(text, err=True),
     )
-    flag = np.asarray(run.flag)
-    judged = judge(
-        made.calibration,
-        [int(np.sum(flag[rows])) for rows in run.cycles],
-        (),
-        noise_known=not noise.estimated,
-        warnings=noise.warnings,
-    )
-    result = make_combined(made, judged, run, chambers)
     document, text = result.model_dump(mode="json"), list(combined_text(result))
     written: list[tuple[Path, bytes]] = []
     if out is not None:

@@ -11,17 +11,15 @@ from accelbench.commands.rig_flight.text import (
     FlownCalibration,
     flight_document,
     flight_text,
+    fly,
     read_calibrations,
 )
 from accelbench.shell.outputs import Results, check_results, force_option, json_option
-from sinscal.flight.covariance import FlightCovariance, FlightNoise, assess, flight_sensitivity
-from sinscal.flight.monte_carlo import Agreement, agreement, fly_runs
+from sinscal.flight.covariance import FlightNoise
 from sinscal.flight.trajectory import FlightPlan
 from sinscal.frames.earth import DEG_PER_H
-from sinscal.model.residual_errors import Calibration
 
 FAILED = 1
-EVERY_S = 10.0
 POSITIVE = click.FloatRange(min=0.0, min_open=True)
 NOT_NEGATIVE = click.FloatRange(min=0.0)
 
@@ -78,7 +76,15 @@ def flight(
     calibrations = read_calibrations(files)
     plan, noise = _plan(given), _noise(given)
     flown = [
-        _fly(name, one, plan, noise, runs=given["runs"], seed=given["seed"])
+        fly(
+            name,
+            one,
+            plan,
+            noise,
+            runs=given["runs"],
+            seed=given["seed"],
+            progress=_teller(name),
+        )
         for name, one in calibrations
     ]
     results = Results(flight_document(plan, noise, flown), flight_text(plan, noise, flown))
@@ -123,22 +129,6 @@ def _noise(given: dict[str, Any]) -> FlightNoise:
         )
     except ValueError as err:
         raise click.UsageError(str(err)) from err
-
-
-def _fly(
-    name: str, one: Calibration, plan: FlightPlan, noise: FlightNoise, *, runs: int, seed: int
-) -> FlownCalibration:
-    def covariance(noise: FlightNoise) -> FlightCovariance:
-        found = flight_sensitivity(plan, one.names, noise=noise, every_s=EVERY_S)
-        return assess(found, one)
-
-    whole = covariance(noise)
-    held: Agreement | None = None
-    if runs:
-        told = _teller(name)
-        flown = fly_runs(plan, one, runs, noise=noise, seed=seed, every_s=EVERY_S, progress=told)
-        held = agreement(flown, whole)
-    return FlownCalibration(name=name, found=whole, alone=covariance(FlightNoise()), agreement=held)
 
 
 def _teller(name: str) -> Callable[[int, int], None]:

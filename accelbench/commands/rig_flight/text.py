@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
@@ -13,8 +13,14 @@ from rich.console import RenderableType
 from accelbench.shell.console import number, table
 from errormodel.errors import InputError
 from sinscal.article.published import COARSE_M, PRECISE_M, published_calibrations
-from sinscal.flight.covariance import NOISE, FlightCovariance, FlightNoise
-from sinscal.flight.monte_carlo import Agreement
+from sinscal.flight.covariance import (
+    NOISE,
+    FlightCovariance,
+    FlightNoise,
+    assess,
+    flight_sensitivity,
+)
+from sinscal.flight.monte_carlo import Agreement, agreement, fly_runs
 from sinscal.flight.navigation_errors import DV, PHI
 from sinscal.flight.trajectory import FlightPlan
 from sinscal.frames.earth import ARCMIN, DEG_PER_H
@@ -22,6 +28,7 @@ from sinscal.model.residual_errors import Calibration
 
 COARSE, PRECISE = "coarse", "precise"
 SHOWN_SHARE = 0.005
+EVERY_S = 10.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -32,6 +39,46 @@ class FlownCalibration:
     found: FlightCovariance
     alone: FlightCovariance
     agreement: Agreement | None = None
+
+
+def fly(
+    name: str,
+    one: Calibration,
+    plan: FlightPlan,
+    noise: FlightNoise,
+    *,
+    every_s: float = EVERY_S,
+    runs: int = 0,
+    seed: int = 0,
+    progress: Callable[[int, int], None] | None = None,
+) -> FlownCalibration:
+    """Compute what a calibration leaves in flight, with the sensors' noise and alone.
+
+    Parameters
+    ----------
+    name : str
+    one : Calibration
+    plan : FlightPlan
+    noise : FlightNoise
+    every_s : float
+        Between two moments that are kept.
+    runs, seed : int
+        Of a Monte Carlo held against the covariance; none with 0 runs.
+    progress : callable, optional
+        Is told of the runs flown, and of how many.
+    """
+
+    def covariance(noise: FlightNoise) -> FlightCovariance:
+        return assess(flight_sensitivity(plan, one.names, noise=noise, every_s=every_s), one)
+
+    whole = covariance(noise)
+    held: Agreement | None = None
+    if runs:
+        flown = fly_runs(
+            plan, one, runs, noise=noise, seed=seed, every_s=every_s, progress=progress
+        )
+        held = agreement(flown, whole)
+    return FlownCalibration(name=name, found=whole, alone=covariance(FlightNoise()), agreement=held)
 
 
 def read_calibrations(files: Sequence[Path]) -> list[tuple[str, Calibration]]:

@@ -30,9 +30,10 @@ from errormodel.errors import InputError
 from errormodel.io.atomic import write_files
 from errormodel.io.toml import read_text
 from sinscal.article.tables import BEST, LITERAL, ArticleAnalysis, ArticleTables
-from sinscal.model.priors import PriorFile, make_prior, read_priors
-from sinscal.planning.advice import Advice, plan_advice
-from sinscal.planning.covariance import RigCovariance, rig_covariance
+from sinscal.calibration.rig import Mode
+from sinscal.model.priors import PriorFile, read_priors
+from sinscal.planning.advice import Advice, analyse_programme
+from sinscal.planning.covariance import RigCovariance
 from sinscal.recording.files import write_rig_run
 from sinscal.twin.programme import article_programme
 from sinscal.twin.rehearse import Rehearsal, drawn_errors, groups_of, rehearse, sensors_with
@@ -195,7 +196,8 @@ def covariance(
     if programme is None and (groups or priors):
         raise click.UsageError("--groups and --priors need a PROGRAMME.toml")
     check_results(None, report, [], force=force)
-    modes = ("coarse", "precise") if mode == "both" else (mode,)
+    modes: tuple[Mode, ...] = ("coarse", "precise")
+    modes = tuple(m for m in modes if mode in (m, "both"))
     advice: dict[str, tuple[Advice, ...]] = {}
     tables, document, text = None, dict[str, Any](programme=str(programme)), list[RenderableType]()
     if programme is None:
@@ -233,20 +235,9 @@ def _write_report(
 
 
 def _analysed(
-    file: RigFile, mode: str, groups: str | None, priors: PriorFile | None, source: Path
+    file: RigFile, mode: Mode, groups: str | None, priors: PriorFile | None, source: Path
 ) -> tuple[RigCovariance, tuple[Advice, ...]]:
-    angle = mode == "precise"
-    wanted = [g for g in _groups(groups) if angle or not g.startswith("rig_")]
-    sensors = sensors_with(wanted, file, angle=angle)
-    prior, noise = make_prior(sensors, priors), file.noise.filtered
-    azimuth, warming = file.azimuth_sigma_rad, file.warming
     try:
-        found = rig_covariance(
-            file, sensors, prior, noise, angle=angle, azimuth_sigma_rad=azimuth, warming=warming
-        )
-        return found, plan_advice(
-            found, file, sensors, prior, noise, angle=angle, azimuth_sigma_rad=azimuth,
-            warming=warming,
-        )  # fmt: skip
+        return analyse_programme(file, mode, _groups(groups), priors)
     except ValueError as err:
         raise InputError(source, "cycles", str(err)) from None
