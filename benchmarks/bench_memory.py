@@ -26,7 +26,7 @@ from errormodel.io.table_write import write_with_sidecar
 from thermo.launch.real import load_station
 from thermo.store.store import NewTest, open_store
 
-DATA = Path(__file__).parent.parent / "data"
+EXAMPLES = Path(__file__).parent.parent / "examples"
 COMMAND = [sys.executable, "-c", "from accelbench.cli import main; raise SystemExit(main())"]
 SIDECAR = 'output_unit = "mA"\ngravity_m_s2 = 9.81\nnominal_scale = 1.25\n'
 PIECE = 100_000
@@ -66,8 +66,8 @@ def make_recording(path: Path, rows: int, runs: int = 4) -> None:
 
 def make_store(path: Path, readings: int) -> str:
     """Fill a store with a test of three accelerometers and return the test's id."""
-    sequence = (DATA / "sequences" / "overnight.toml").read_text(encoding="utf-8")
-    station = load_station(DATA / "stations" / "f4.toml").model_dump_json()
+    sequence = (EXAMPLES / "sequences" / "overnight.toml").read_text(encoding="utf-8")
+    station = load_station(EXAMPLES / "stations" / "f4.toml").model_dump_json()
     with open_store(path) as store:
         test_id = store.begin_test(NewTest("benchmark", sequence, station))
         store.begin_run(test_id, 1, "2026-11-22T22:15:00+00:00")
