@@ -1,11 +1,14 @@
 """Run-in: whether an accelerometer has settled, and how many cycles it still needs.
 
 The rule is a sequential test. After each cycle the future of K0 and K1 is inferred
-(`thermo.run_in.relaxation`), over all rivals of a single relaxation that the cycles do not
-exclude. The
-accelerometer has settled when, with the confidence asked for, none of the two will ever again
-change by more than its limit. A posterior probability may be looked at as often as one likes: the
-risk of stopping is the one stated at the stop, however many looks came before.
+(`thermo.run_in.relaxation`), over all rivals of a single relaxation. The accelerometer has settled
+when, with the confidence asked for, none of the two will ever again change by more than its limit:
+in the mean over all rivals, and under every kind of slow process by itself. Let the estimates be b
+times as likely under a kind as over all rivals, and P the probability, under that kind, of a later
+change. Then b·P must not exceed the risk. Of accelerometers of that kind those stopped wrongly are
+the mean of P over the stops; 1/b has a mean of 1 at most under the kind, at whatever cycle one
+stops (Ville 1939), so they are not more than the risk, however rare or frequent the kind is and
+however many looks came before. Where b is above 1, P itself must not exceed the risk.
 """
 
 from collections.abc import Sequence
@@ -15,14 +18,14 @@ import numpy as np
 from scipy import stats
 
 from errormodel.arrays import FloatArray, IntArray
-from thermo.run_in.relaxation import Draws, Series, weigh
+from thermo.run_in.relaxation import Draws, Series, SlowRival, weigh
 from thermo.run_in.rivals import HORIZON, Law
 from thermo.run_in.signs import DailySwing, Jump, daily_swing, jumps_of
 
 DRAWS = 3000  # a probability of 0.95 is then known to 0.004
 SEED = 1  # the same estimates always give the same verdict
 MIN_CYCLES = 3
-KIND_DRAWS = 400  # under each kind of slow process: the upper end needs no more
+RIVAL_DRAWS = 400  # under each slow process: a probability of 0.05 is then known to 0.011
 LEAST_PLAIN = 0.05  # share of the draws in which nothing slow goes on, for figures under that
 EXCLUDED = 3.0  # a law is excluded at odds of 20, of which this is the logarithm
 # So many cycles at either end make the instability before and after, fewer when there are fewer.
@@ -78,13 +81,14 @@ class RunInVerdict:
         `cycles_needed` under the other law; None when the estimates exclude that one.
     coefficients : tuple of Relaxation
     settled_probability : float
-        That no coefficient will again change by more than its limit.
+        That no coefficient will again change by more than its limit: 1 less the largest risk, in
+        the mean over all rivals or under a kind of slow process.
     confidence : float
     settled : bool
-        Whether `settled_probability` reaches `confidence`.
+        Whether no further cycle is needed, `cycles_needed` is (0, 0).
     cycles_needed : (int, int or None)
         Fewer than the first or more than the second are needed with a risk of 1 − `confidence`
-        each, whatever goes on of what the cycles do not exclude. None: more than
+        each; for the second it holds under every kind of slow process. None: more than
         `thermo.run_in.rivals.HORIZON`.
     needed_if_nothing_slow : (int, int or None) or None
         The same if nothing slower than the relaxation goes on; None where the cycles leave that no
@@ -131,8 +135,8 @@ class RunInVerdict:
                 else "unless something begins that has not begun to show"
             )
             if self.not_excluded:
-                slow = ", ".join(self.not_excluded)
-                assumed += f" (taken to be rare, as these cycles do not exclude it: {slow})"
+                slow = " or ".join(self.not_excluded)
+                assumed += f" (the risk holds for {slow} too, which these cycles do not exclude)"
             return (
                 f"{self.serial}: {what}, risk {_percent(self.settled_probability)}, {assumed}"
                 f"{self._scatter_text()}{swung}{jumped}"
@@ -226,24 +230,26 @@ def judge_run_in(
     other_needs, draws = None, under
     if abs(ratio) < EXCLUDED:
         rest = other.draw(DRAWS, np.random.default_rng(SEED + 1))
-        other_needs = _interval(_of_all(rest), confidence)
+        other_needs = _interval(_of_all(rest), 1.0 - confidence)
         share = float(1.0 / (1.0 + np.exp(abs(ratio))))  # of the other law
         draws = tuple(a.joined(b, share) for a, b in zip(under, rest, strict=True))
-    needed = _of_all(draws)
-    probability = float(np.count_nonzero(needed == 0) / needed.size)
-    plain = np.all([one.plain for one in draws], axis=0)
-    settled = probability >= confidence
-    kinds = (dict[str, Draws](),) * len(series)
+    risk = 1.0 - confidence
+    rivals: tuple[SlowRival, ...] = ()
     if not nothing_slow:
-        kinds = better.slow_kinds(KIND_DRAWS, np.random.default_rng(SEED + 2), EXCLUDED)
-    counted = [() if settled else tuple(k.values()) for k in kinds]
-    low, high = _interval(needed, confidence)
-    high = _highest(high, [d for of_one in counted for d in of_one], confidence)
+        rivals = better.slow_rivals(RIVAL_DRAWS, np.random.default_rng(SEED + 2), risk)
+    needed = _of_all(draws)
+    under_rivals = [(r.odds, _of_all(r.draws)) for r in rivals]
+    still = [
+        float(np.mean(needed > 0)),
+        *(min(b, 1.0) * float(np.mean(n > 0)) for b, n in under_rivals),
+    ]
+    low, high = _needed(needed, under_rivals, risk)
+    plain = np.all([one.plain for one in draws], axis=0)
     enough = np.count_nonzero(plain) >= LEAST_PLAIN * needed.size
     if_plain = needed[plain]
     coefficients = tuple(
-        _relaxation(s, d, k, confidence, window)
-        for s, d, k in zip(series, draws, counted, strict=True)
+        _relaxation(s, draws[k], [(r.odds, r.draws[k].needed) for r in rivals], risk, window)
+        for k, s in enumerate(series)
     )
     swings = (
         () if hours is None else (daily_swing(c.series, hours, c.kappa[0]) for c in coefficients)
@@ -255,16 +261,16 @@ def judge_run_in(
         log_evidence_ratio=ratio,
         other_law_needs=other_needs,
         coefficients=coefficients,
-        settled_probability=probability,
+        settled_probability=1.0 - max(still),
         confidence=confidence,
-        settled=settled,
+        settled=high == 0,
         cycles_needed=(low, high),
         nothing_slow=nothing_slow,
         settled_if_nothing_slow=(
             float(np.count_nonzero(if_plain == 0) / if_plain.size) if enough else None
         ),
-        needed_if_nothing_slow=_interval(if_plain, confidence) if enough else None,
-        not_excluded=tuple(dict.fromkeys(name for of_one in kinds for name in of_one)),
+        needed_if_nothing_slow=_interval(if_plain, risk) if enough else None,
+        not_excluded=tuple(dict.fromkeys(r.name for r in rivals)),
         swings=tuple(s for s in swings if s),
     )
 
@@ -287,28 +293,36 @@ def _of_all(draws: Sequence[Draws]) -> IntArray:
     return np.vstack([one.needed for one in draws]).max(axis=0)
 
 
-def _interval(needed: IntArray, confidence: float) -> tuple[int, int | None]:
-    """Return the cycles that are too few, and enough, with the risk 1 − confidence each."""
+def _interval(needed: IntArray, risk: float) -> tuple[int, int | None]:
+    """Return the cycles that are too few, and enough, with the risk given each."""
     ordered = np.sort(needed)
-    last = ordered.size - 1
-    low = min(int(ordered[int(np.floor((1 - confidence) * last))]), HORIZON)
-    high = int(ordered[min(last, int(np.ceil(confidence * ordered.size)) - 1)])
+    low = min(int(ordered[int(np.floor(risk * (ordered.size - 1)))]), HORIZON)
+    high = int(ordered[max(0, int(np.ceil((1.0 - risk) * ordered.size)) - 1)])
     return low, (high if high <= HORIZON else None)
 
 
-def _highest(high: int | None, kinds: Sequence[Draws], confidence: float) -> int | None:
-    """Return the most cycles needed over what may go on; None is more than all."""
-    highs = [high, *(_interval(d.needed, confidence)[1] for d in kinds)]
+def _needed(
+    needed: IntArray, rivals: Sequence[tuple[float, IntArray]], risk: float
+) -> tuple[int, int | None]:
+    """Return the cycles that are too few, in the mean, and those enough under each rival too.
+
+    Rivals are given as their odds and the cycles needed under them.
+    """
+    low, high = _interval(needed, risk)
+    highs = [high, *(_interval(n, risk / min(b, 1.0))[1] for b, n in rivals)]
     known = [h for h in highs if h is not None]
-    return max(known) if len(known) == len(highs) else None
+    return low, (max(known) if len(known) == len(highs) else None)
 
 
 def _relaxation(
-    series: Series, draws: Draws, kinds: Sequence[Draws], confidence: float, window: int
+    series: Series,
+    draws: Draws,
+    rivals: Sequence[tuple[float, IntArray]],
+    risk: float,
+    window: int,
 ) -> Relaxation:
     count = min(window, series.values.size // 2)
     enough = count >= 2
-    low, high = _interval(draws.needed, confidence)
     return Relaxation(
         series=series,
         draws=draws,
@@ -319,7 +333,7 @@ def _relaxation(
         before=spread_of(series.values[:count]) if enough else None,
         after=spread_of(series.values[-count:]) if enough else None,
         estimate_sigma=float(np.median(series.sigmas[-max(count, 1) :])),
-        cycles_needed=(low, _highest(high, kinds, confidence)),
+        cycles_needed=_needed(draws.needed, rivals, risk),
     )
 
 
