@@ -17,6 +17,7 @@ from thermo.run_in.rivals import (
     KAPPA,
     PLAIN,
     SLOW_NAMES,
+    SLOW_ODDS,
     Hypotheses,
     Law,
     lay_out,
@@ -148,8 +149,8 @@ class SlowRival:
     ----------
     name : str
     odds : float
-        How many times likelier the estimates are with it than over all hypotheses; what share it
-        was given beforehand does not enter.
+        Of it against all hypotheses together, from `SLOW_ODDS` beforehand; what share it was
+        given among them does not enter.
     draws : tuple of Draws
         Equally likely futures with it, one for each series.
     """
@@ -192,8 +193,7 @@ class Relaxing:
     ) -> tuple[SlowRival, ...]:
         """Draw futures under every kind of slow process, in each series alone and in all.
 
-        Those are left out under which the estimates are less than `least` times as likely as over
-        all hypotheses: whatever their futures, they do not count.
+        Those whose odds are below `least` are left out: whatever their futures, they do not count.
         """
         numbers = range(len(self.grids))
         places = {frozenset({i}) for i in numbers} | {frozenset(numbers)}
@@ -204,12 +204,13 @@ class Relaxing:
                 parts = [alone[i][0] if i in place else self.grids[i] for i in numbers]
                 by_centre = np.sum([self._near(part) for part in parts], axis=0)
                 prior = sum(alone[i][1] for i in place)
-                odds = float(np.logaddexp.reduce(by_centre)) - prior - self.log_evidence
-                if odds < np.log(least):
+                likelier = float(np.logaddexp.reduce(by_centre)) - prior - self.log_evidence
+                odds = SLOW_ODDS[kind] * float(np.exp(min(likelier, 50.0)))
+                if odds < least:
                     continue
                 centre = _choose(np.broadcast_to(by_centre, (count, KAPPA.size)), rng)
                 draws = tuple(self._drawn(part, centre, rng) for part in parts)
-                found.append(SlowRival(name=name, odds=float(np.exp(odds)), draws=draws))
+                found.append(SlowRival(name=name, odds=odds, draws=draws))
         return tuple(found)
 
     def _near(self, grid: _Grid) -> FloatArray:
