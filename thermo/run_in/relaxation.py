@@ -151,12 +151,15 @@ class SlowRival:
     odds : float
         Of it against all hypotheses together, from `SLOW_ODDS` beforehand; what share it was
         given among them does not enter.
+    places : tuple of int
+        The series in which it goes on; in the others anything may.
     draws : tuple of Draws
         Equally likely futures with it, one for each series.
     """
 
     name: str
     odds: float
+    places: tuple[int, ...]
     draws: tuple[Draws, ...]
 
 
@@ -193,7 +196,8 @@ class Relaxing:
     ) -> tuple[SlowRival, ...]:
         """Draw futures under every kind of slow process, in each series alone and in all.
 
-        Those whose odds are below `least` are left out: whatever their futures, they do not count.
+        Those are left out under which the estimates are less than `least` times as likely as over
+        all hypotheses.
         """
         numbers = range(len(self.grids))
         places = {frozenset({i}) for i in numbers} | {frozenset(numbers)}
@@ -205,12 +209,13 @@ class Relaxing:
                 by_centre = np.sum([self._near(part) for part in parts], axis=0)
                 prior = sum(alone[i][1] for i in place)
                 likelier = float(np.logaddexp.reduce(by_centre)) - prior - self.log_evidence
-                odds = SLOW_ODDS[kind] * float(np.exp(min(likelier, 50.0)))
-                if odds < least:
+                if likelier < np.log(least):
                     continue
+                odds = SLOW_ODDS * float(np.exp(min(likelier, 50.0)))
                 centre = _choose(np.broadcast_to(by_centre, (count, KAPPA.size)), rng)
                 draws = tuple(self._drawn(part, centre, rng) for part in parts)
-                found.append(SlowRival(name=name, odds=odds, draws=draws))
+                places_of = tuple(sorted(place))
+                found.append(SlowRival(name=name, odds=odds, places=places_of, draws=draws))
         return tuple(found)
 
     def _near(self, grid: _Grid) -> FloatArray:

@@ -3,12 +3,11 @@
 The rule is a sequential test. After each cycle the future of K0 and K1 is inferred
 (`thermo.run_in.relaxation`), over all rivals of a single relaxation. The accelerometer has settled
 when, with the confidence asked for, none of the two will ever again change by more than its limit:
-in the mean over all rivals, and under every kind of slow process by itself. Let the estimates be b
-times as likely under a kind as over all rivals, and P the probability, under that kind, of a later
-change. Then b·P must not exceed the risk. Of accelerometers of that kind those stopped wrongly are
-the mean of P over the stops; 1/b has a mean of 1 at most under the kind, at whatever cycle one
-stops (Ville 1939), so they are not more than the risk, however rare or frequent the kind is and
-however many looks came before. Where b is above 1, P itself must not exceed the risk.
+in the mean over all rivals, and under every kind of slow process by itself, in one coefficient or
+in all. Let b be the odds of a kind against all rivals, from `SLOW_ODDS` beforehand, and P the
+probability under it of a later change. Then b·P (P itself where b is above 1) must not exceed the
+risk, however rare the kind is among accelerometers. It may be looked at as often as one likes: b
+hangs on the readings alone (Ville 1939).
 """
 
 from collections.abc import Sequence
@@ -27,7 +26,7 @@ SEED = 1  # the same estimates always give the same verdict
 MIN_CYCLES = 3
 RIVAL_DRAWS = 400  # under each slow process: a probability of 0.05 is then known to 0.011
 LEAST_PLAIN = 0.05  # share of the draws in which nothing slow goes on, for figures under that
-EXCLUDED = 3.0  # a law is excluded at odds of 20, of which this is the logarithm
+EXCLUDED = 3.0  # a law or slow process is excluded at odds of 20, of which this is the logarithm
 # So many cycles at either end make the instability before and after, fewer when there are fewer.
 WINDOW = 4
 SCATTER_TOLD = 0.25  # of the limit: two cycles then differ by a third of it and more
@@ -62,6 +61,26 @@ class Relaxation:
     after: Spread | None
     estimate_sigma: float
     cycles_needed: tuple[int, int | None]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Unseen:
+    """A slow process that the cycles do not exclude.
+
+    `change` is what 95 % of its possible changes of the coefficient within `HORIZON` cycles do not
+    exceed.
+    """
+
+    process: str
+    coefficient: str
+    unit: str
+    change: float
+
+    @property
+    def sentence(self) -> str:
+        """The process and its size in a few words."""
+        name = self.coefficient.upper()
+        return f"{self.process} of {name} by up to {self.change:.2g} {self.unit}"
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -99,6 +118,8 @@ class RunInVerdict:
         `settled_probability` under that assumption; None where the cycles leave it no weight.
     not_excluded : tuple of str
         Slow processes that the cycles do not exclude at odds of 20.
+    unseen : tuple of Unseen
+        How large those could be that could leave a limit.
     swings : tuple of DailySwing
         Coefficients that follow the time of day.
     """
@@ -117,6 +138,7 @@ class RunInVerdict:
     settled_if_nothing_slow: float | None
     needed_if_nothing_slow: tuple[int, int | None] | None
     not_excluded: tuple[str, ...]
+    unseen: tuple[Unseen, ...]
     swings: tuple[DailySwing, ...]
 
     @property
@@ -134,9 +156,12 @@ class RunInVerdict:
                 if self.nothing_slow
                 else "unless something begins that has not begun to show"
             )
-            if self.not_excluded:
-                slow = " or ".join(self.not_excluded)
-                assumed += f" (the risk holds for {slow} too, which these cycles do not exclude)"
+            if self.unseen:
+                slow = ", ".join(u.sentence for u in self.unseen)
+                assumed += (
+                    f" (taken to be rare, as these cycles do not exclude it within {HORIZON} more: "
+                    f"{slow})"
+                )
             return (
                 f"{self.serial}: {what}, risk {_percent(self.settled_probability)}, {assumed}"
                 f"{self._scatter_text()}{swung}{jumped}"
@@ -236,7 +261,7 @@ def judge_run_in(
     risk = 1.0 - confidence
     rivals: tuple[SlowRival, ...] = ()
     if not nothing_slow:
-        rivals = better.slow_rivals(RIVAL_DRAWS, np.random.default_rng(SEED + 2), risk)
+        rivals = better.slow_rivals(RIVAL_DRAWS, np.random.default_rng(SEED + 2), np.exp(-EXCLUDED))
     needed = _of_all(draws)
     under_rivals = [(r.odds, _of_all(r.draws)) for r in rivals]
     still = [
@@ -271,8 +296,28 @@ def judge_run_in(
         ),
         needed_if_nothing_slow=_interval(if_plain, risk) if enough else None,
         not_excluded=tuple(dict.fromkeys(r.name for r in rivals)),
+        unseen=_unseen(series, rivals),
         swings=tuple(s for s in swings if s),
     )
+
+
+def _unseen(series: Sequence[Series], rivals: Sequence[SlowRival]) -> tuple[Unseen, ...]:
+    """Return the largest change that each slow process could bring, where above a limit."""
+    found: dict[str, Unseen] = {}
+    for rival in rivals:
+        for place in rival.places:
+            changes = np.abs(rival.draws[place].future[:, HORIZON])
+            mine = Unseen(
+                process=rival.name,
+                coefficient=series[place].name,
+                unit=series[place].unit,
+                change=float(np.quantile(changes, 0.95)),
+            )
+            other = found.get(rival.name)
+            above = mine.change > series[place].limit
+            if above and (other is None or mine.change > other.change):
+                found[rival.name] = mine
+    return tuple(found.values())
 
 
 def _percent(probability: float) -> str:
@@ -309,7 +354,7 @@ def _needed(
     Rivals are given as their odds and the cycles needed under them.
     """
     low, high = _interval(needed, risk)
-    highs = [high, *(_interval(n, risk / min(b, 1.0))[1] for b, n in rivals)]
+    highs = [high, *(_interval(n, risk / min(b, 1.0))[1] for b, n in rivals if b > risk)]
     known = [h for h in highs if h is not None]
     return low, (max(known) if len(known) == len(highs) else None)
 
