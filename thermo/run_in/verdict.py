@@ -104,11 +104,11 @@ class RunInVerdict:
         the mean over all rivals or under a kind of slow process.
     confidence : float
     settled : bool
-        Whether no further cycle is needed, `cycles_needed` is (0, 0).
+        Whether `settled_probability` reaches `confidence`.
     cycles_needed : (int, int or None)
         Fewer than the first or more than the second are needed with a risk of 1 − `confidence`
-        each; for the second it holds under every kind of slow process. None: more than
-        `thermo.run_in.rivals.HORIZON`.
+        each; until it has settled the second holds under every slow process that the cycles do not
+        exclude, however rare it is. None: more than `thermo.run_in.rivals.HORIZON`.
     needed_if_nothing_slow : (int, int or None) or None
         The same if nothing slower than the relaxation goes on; None where the cycles leave that no
         weight.
@@ -251,29 +251,31 @@ def judge_run_in(
     hyperbolic = weigh(series, "hyperbolic", slow=not nothing_slow)
     ratio = hyperbolic.log_evidence - exponential.log_evidence
     better, other = (hyperbolic, exponential) if ratio > 0 else (exponential, hyperbolic)
-    under = better.draw(DRAWS, np.random.default_rng(SEED))
-    other_needs, draws = None, under
+    mine = better.draw(DRAWS, np.random.default_rng(SEED))
+    other_needs, draws = None, mine
     if abs(ratio) < EXCLUDED:
         rest = other.draw(DRAWS, np.random.default_rng(SEED + 1))
         other_needs = _interval(_of_all(rest), 1.0 - confidence)
         share = float(1.0 / (1.0 + np.exp(abs(ratio))))  # of the other law
-        draws = tuple(a.joined(b, share) for a, b in zip(under, rest, strict=True))
+        draws = tuple(a.joined(b, share) for a, b in zip(mine, rest, strict=True))
     risk = 1.0 - confidence
     rivals: tuple[SlowRival, ...] = ()
     if not nothing_slow:
         rivals = better.slow_rivals(RIVAL_DRAWS, np.random.default_rng(SEED + 2), np.exp(-EXCLUDED))
     needed = _of_all(draws)
-    under_rivals = [(r.odds, _of_all(r.draws)) for r in rivals]
-    still = [
+    under = [_of_all(r.draws) for r in rivals]
+    later = [
         float(np.mean(needed > 0)),
-        *(min(b, 1.0) * float(np.mean(n > 0)) for b, n in under_rivals),
+        *(min(r.odds, 1.0) * float(np.mean(n > 0)) for r, n in zip(rivals, under, strict=True)),
     ]
-    low, high = _needed(needed, under_rivals, risk)
+    settled = max(later) <= risk
+    counted = () if settled else rivals
+    plain = np.all([one.plain for one in draws], axis=0)
     plain = np.all([one.plain for one in draws], axis=0)
     enough = np.count_nonzero(plain) >= LEAST_PLAIN * needed.size
     if_plain = needed[plain]
     coefficients = tuple(
-        _relaxation(s, draws[k], [(r.odds, r.draws[k].needed) for r in rivals], risk, window)
+        _relaxation(s, draws[k], [r.draws[k].needed for r in counted], risk, window)
         for k, s in enumerate(series)
     )
     swings = (
@@ -286,10 +288,10 @@ def judge_run_in(
         log_evidence_ratio=ratio,
         other_law_needs=other_needs,
         coefficients=coefficients,
-        settled_probability=1.0 - max(still),
+        settled_probability=1.0 - max(later),
         confidence=confidence,
-        settled=high == 0,
-        cycles_needed=(low, high),
+        settled=settled,
+        cycles_needed=_needed(needed, under if counted else (), risk),
         nothing_slow=nothing_slow,
         settled_if_nothing_slow=(
             float(np.count_nonzero(if_plain == 0) / if_plain.size) if enough else None
@@ -346,15 +348,10 @@ def _interval(needed: IntArray, risk: float) -> tuple[int, int | None]:
     return low, (high if high <= HORIZON else None)
 
 
-def _needed(
-    needed: IntArray, rivals: Sequence[tuple[float, IntArray]], risk: float
-) -> tuple[int, int | None]:
-    """Return the cycles that are too few, in the mean, and those enough under each rival too.
-
-    Rivals are given as their odds and the cycles needed under them.
-    """
+def _needed(needed: IntArray, under: Sequence[IntArray], risk: float) -> tuple[int, int | None]:
+    """Return the cycles that are too few, in the mean, and those enough under each rival too."""
     low, high = _interval(needed, risk)
-    highs = [high, *(_interval(n, risk / min(b, 1.0))[1] for b, n in rivals if b > risk)]
+    highs = [high, *(_interval(n, risk)[1] for n in under)]
     known = [h for h in highs if h is not None]
     return low, (max(known) if len(known) == len(highs) else None)
 
@@ -362,7 +359,7 @@ def _needed(
 def _relaxation(
     series: Series,
     draws: Draws,
-    rivals: Sequence[tuple[float, IntArray]],
+    under: Sequence[IntArray],
     risk: float,
     window: int,
 ) -> Relaxation:
@@ -378,7 +375,7 @@ def _relaxation(
         before=spread_of(series.values[:count]) if enough else None,
         after=spread_of(series.values[-count:]) if enough else None,
         estimate_sigma=float(np.median(series.sigmas[-max(count, 1) :])),
-        cycles_needed=_needed(draws.needed, rivals, risk),
+        cycles_needed=_needed(draws.needed, under, risk),
     )
 
 
