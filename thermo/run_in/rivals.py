@@ -26,7 +26,7 @@ SLOW_NAMES = {SECOND: "a second relaxation", CREEP: "a creep", WALKS: "a random 
 # Odds, beforehand, at which each kind is held against all rivals together. Even odds would bound
 # the risk under each strictly, and no accelerometer whose relaxation slips would stop within 25
 # cycles; the risk with these was measured (docs/explanation/run-in.md).
-SLOW_ODDS = 1.0 / 8.0
+SLOW_ODDS = 1.0 / 6.0
 KAPPA = np.geomspace(0.5, 60.0, 32)  # cycles
 KICK = (0.05, 20.0, 4)  # h, in limits: from, to, how many
 SCATTER = (0.03, 3.0, 3)  # ρ, in limits
