@@ -24,7 +24,7 @@ PLAIN, SECOND, CREEP, WALKS = range(4)  # kinds of what is slow; nothing is, in 
 SLOW_NAMES = {SECOND: "a second relaxation", CREEP: "a creep", WALKS: "a random walk"}
 
 # Odds, beforehand, at which each kind is held against all rivals together. Even odds would bound
-# the risk under each strictly, and no accelerometer whose relaxation slips would stop within 25
+# the risk under each strictly, and few accelerometers whose relaxation slips would stop within 25
 # cycles; the risk with these was measured (docs/explanation/run-in.md).
 SLOW_ODDS = 1.0 / 6.0
 KAPPA = np.geomspace(0.5, 60.0, 32)  # cycles
