@@ -211,9 +211,10 @@ def _notes(c: CompensatedChannel) -> Iterator[str]:
         )
     if c.scale_left_ug:
         yield (
-            f"{c.serial}: K1 was taken as nominal, and K0 holds what it is off at the gravity of "
-            f"the fit: at the gravity here each per cent of that leaves {micro_g(c.scale_left_ug)} "
-            "in at 1 g; the sigmas do not allow for it"
+            f"{c.serial}: K1 was taken as nominal at every temperature, and K0 holds what it is "
+            "off at the gravity of the fit: at the gravity here each per cent by which K1 is off, "
+            f"or changes with temperature, leaves {micro_g(c.scale_left_ug)} in at 1 g; "
+            "the sigmas do not allow for it"
         )
     if not c.run_to_run_known:
         yield (
