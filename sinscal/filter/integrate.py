@@ -5,11 +5,10 @@ In the local axes n the attitude error φ (C_true = (I + φ×)·C_computed) obey
 The errors δω, δf are linear in the unknowns, with columns that turn with the body: over an interval
 they are summed at the full rate, so that the filter loses nothing by its lower one.
 
-The columns are those of the true motion by the unknowns, the readings given, and not of the readings
-by the unknowns: they act along the sensors' true axes, and an error of the rate is one of the force
-of a lever arm too. It is 1e-3 of a column, and what the run shows worst may be known a thousand
-times worse than what it shows best: left out it made sigmas of lever arms and scales half as large
-as the errors in positions whose turns about the vertical only gyrocompassing shows.
+The columns are derivatives of the true motion by the unknowns, the readings given, and not of the
+readings: they act along the sensors' true axes, and through a lever arm an error of the rate is one
+of the force. The two differ by 1e-3 of a column, but what a run shows worst may be known 10⁴ times
+worse than what it shows best.
 
 References
 ----------
