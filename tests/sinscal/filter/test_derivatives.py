@@ -34,7 +34,7 @@ def predicted(steps: Steps, layout: RigLayout, shift: FloatArray) -> FloatArray:
 
 @pytest.mark.parametrize("more", [(), ("lever_arm", "accel_delay")])
 def test_derivatives_are_those_of_what_is_measured(more: tuple[str, ...]) -> None:
-    true, run, values = exact_run(cycle_s=60.0, more=more)
+    true, run, _ = exact_run(cycle_s=60.0, more=more)
     sensors = sensor_model((*BASIC, *more), gravity_m_s2=true.site.gravity_m_s2)
     found = calibrate(run, sensors=sensors)
     rig = RigFilter(
