@@ -6,6 +6,7 @@ wrong by 1e-3 then makes sigmas too small.
 
 import numpy as np
 import pytest
+from sinscal.model.terms import BASIC
 
 from errormodel.arrays import FloatArray
 from errormodel.filter.steps import Steps
@@ -15,7 +16,6 @@ from sinscal.filter.iterate import RigFilter
 from sinscal.filter.layout import RigLayout
 from sinscal.model.priors import make_prior
 from sinscal.model.sensors import sensor_model
-from sinscal.model.terms import BASIC
 from tests.sinscal.filter.test_exactness import exact_run
 
 # Of a derivative's own size: sums over rows, and of the force the turn during a delay of 1 ms.
