@@ -40,7 +40,8 @@ from thermo.recording.channel import channel_of
 from thermo.recording.files import RecordedRuns, join_runs, read_runs, write_runs
 from thermo.station.outcome import Observer, TestOutcome
 from thermo.store.files import open_existing_store, recorded_runs
-from thermo.twin.plant import EmulatedAccelerometer, Twin, TwinSettings
+from thermo.twin.accelerometer import EmulatedAccelerometer
+from thermo.twin.plant import Twin, TwinSettings
 from thermo.twin.planted import plain_accelerometer, plantable, simulated_by, who_has_it
 
 Tell = Callable[[str], None]
