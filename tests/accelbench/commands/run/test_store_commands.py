@@ -11,8 +11,9 @@ from tests.thermo.store.test_database import SECRET, URLS
 from thermo.station.observers.live import LiveEstimate
 from thermo.station.outcome import TestOutcome
 from thermo.store.database import parse_url, shown
+from thermo.store.records import NewTest
 from thermo.store.spool.recover import warnings
-from thermo.store.store import NewTest, open_store
+from thermo.store.store import open_store
 
 
 @pytest.mark.parametrize("url", URLS)
