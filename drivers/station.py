@@ -29,7 +29,7 @@ class _Section(BaseModel):
 
 
 class LinkConfig(_Section):
-    """How an instrument is reached.
+    """Address of an instrument, and the patience with it.
 
     `url` is ``modbus+tcp://host:port``, ``modbus+rtu:///dev/ttyUSB0``,
     ``modbus+rtu+tcp://host:port`` (RTU frames through a serial server) or
@@ -145,7 +145,7 @@ Channel = Annotated[int, AfterValidator(_existing)]
 
 
 class InputConfig(_Section):
-    """Where one accelerometer is wired: its output and its own thermistor."""
+    """Wiring of one accelerometer: its output and its own thermistor."""
 
     serial: Annotated[str, Field(min_length=1)]
     output_channel: Channel

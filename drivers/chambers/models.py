@@ -8,7 +8,7 @@ from typing import Any
 
 @dataclass(frozen=True, slots=True)
 class ChamberModel:
-    """Where a model's driver and its emulated controller are, as ``MODULE:CLASS``.
+    """Driver and emulated controller of a model, each as ``MODULE:CLASS``.
 
     Named and not imported: the station file's form needs the names, the drivers need that form.
     `hidden` are the actions at the panel (`drivers.station.PanelAction`) that no register of the

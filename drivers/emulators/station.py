@@ -28,7 +28,7 @@ class Emulator(Protocol):
 
     @property
     def url(self) -> str:
-        """Where it is reached, once started."""
+        """URL at which it is reached, once started."""
         ...
 
     def start(self) -> None:
@@ -84,7 +84,7 @@ class EmulatedStation:
 
     @property
     def faults(self) -> dict[str, FaultPlan]:
-        """How each instrument misbehaves, by name; empty before the start."""
+        """Fault plan of each instrument by name; empty before the start."""
         return dict(self._faults)
 
     def inject(

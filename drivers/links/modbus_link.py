@@ -1,4 +1,4 @@
-"""What is done about silence and wrong bytes on the way to a Modbus controller.
+"""Link to a Modbus controller that recovers from silence and wrong bytes.
 
 After anything but a clean answer the port is closed and opened anew before the next question, so
 that a late reply is never taken for the next answer. An RTU reply does not say what it answers;
@@ -60,7 +60,7 @@ class RefusalError(DeviceError):
 
     @property
     def absent(self) -> bool:
-        """Whether the controller says that it has no such register."""
+        """True when the controller says that it has no such register."""
         return self.code in _ABSENT
 
 

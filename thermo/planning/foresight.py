@@ -1,4 +1,4 @@
-"""What a planned test can and cannot separate, and how well, before it is run."""
+"""Expected sigmas of a planned test, and the coefficients that it cannot separate."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -31,7 +31,7 @@ class Foreseen:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Foresight:
-    """What a planned test will give.
+    """Expected results of a planned test.
 
     Attributes
     ----------

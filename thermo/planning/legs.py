@@ -34,7 +34,7 @@ class Leg:
 
     @property
     def is_ramp(self) -> bool:
-        """Whether the temperature is to move."""
+        """True when the temperature is to move."""
         return self.end_c != self.start_c
 
 

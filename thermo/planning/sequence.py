@@ -102,7 +102,7 @@ Segment = Annotated[Hold | Ramp | Cycle, Field(discriminator="kind")]
 
 
 class Rest(_Section):
-    """Where the chamber stands while the accelerometers rest unpowered; None: the safe one."""
+    """Chamber temperature while the accelerometers rest unpowered; None: the safe one."""
 
     temp_c: Temp | None = None
 
@@ -135,7 +135,7 @@ class Sampling(_Section):
 
 
 class Limits(_Section):
-    """What ends the test safely.
+    """Limits beyond which the test is ended safely.
 
     Every limit has a bound beyond which it would protect nobody; `thermo.planning.bounds` holds
     them, so that a test stored before there was a bound can still be read.
@@ -183,7 +183,7 @@ class Limits(_Section):
 
 
 class SelfHeating(_Section):
-    """How the SINS warms itself after power-on, as measured."""
+    """Self-heating of the SINS after power-on, as measured."""
 
     time_min: Annotated[tuple[Number, ...], Field(min_length=2)]
     temp_c: Annotated[tuple[Temp, ...], Field(min_length=2)]
@@ -198,7 +198,7 @@ class SelfHeating(_Section):
 
 
 class Uniformity(_Section):
-    """When a ramp counts as uniform.
+    """Criterion for a uniform ramp.
 
     The slope is a least-squares line over `window_min`; the band about the commanded rate is
     `band_fraction` of it, or `band_c_per_min` when given. The first `transient_min` of a ramp, in
@@ -223,7 +223,7 @@ class Uniformity(_Section):
 
 
 class AfterGap(_Section):
-    """What to do after a pause or an interruption.
+    """Rule for going on after a pause or an interruption.
 
     "resoak": the interrupted segment's readings are voided, its starting temperature is held for
     `resoak_min` and the segment is repeated. "accept": the run goes on and the gap is marked; a

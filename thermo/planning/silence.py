@@ -1,4 +1,4 @@
-"""How long the controller of a test may be silent while everything is in order.
+"""Longest silence of a test's controller while everything is in order.
 
 The control thread beats between any two calls of an instrument, in every slice of a wait and
 before every write to the chamber. So the longest time between two beats is the longest single call,

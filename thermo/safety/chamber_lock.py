@@ -46,7 +46,7 @@ class ChamberHeldError(LinkError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Holder:
-    """Who holds a chamber; what could not be learnt is None or empty.
+    """Process that holds a chamber; what could not be learnt is None or empty.
 
     Attributes
     ----------
@@ -73,7 +73,7 @@ class Holder:
 
     @property
     def is_guardian(self) -> bool:
-        """Whether only a guardian is left, which lets go when the chamber is safe."""
+        """True when only a guardian is left, which lets go when the chamber is safe."""
         return self.state == "gone"
 
     @property

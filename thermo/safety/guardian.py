@@ -56,7 +56,7 @@ DEAF_TO = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Charge:
-    """What a guardian watches over; the first message it is given, as JSON.
+    """Charge of a guardian: the first message it is given, as JSON.
 
     Attributes
     ----------

@@ -128,7 +128,7 @@ class Guardian:
 
     @property
     def trouble(self) -> str:
-        """What is wrong with it as far as has been heard; empty when nothing is."""
+        """Trouble with it as far as has been heard; empty when there is none."""
         now_s = time.monotonic()
         if self.gone:
             return f"the guardian, process {self.pid}, is gone" + (

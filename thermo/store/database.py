@@ -21,6 +21,7 @@ from sqlalchemy.exc import ArgumentError, DataError, DBAPIError, IntegrityError,
 
 from errormodel.errors import StoreError
 from thermo.store import schema
+from thermo.store.migration import OLDEST, migrate
 from thermo.store.sqlite import look_before_opening, sqlite_engine
 
 log = logging.getLogger(__name__)
@@ -221,14 +222,18 @@ def _make_or_check_tables(engine: sa.Engine, where: str) -> None:
         names = set(sa.inspect(connection).get_table_names())
         if schema.schema_version.name in names:
             version = connection.execute(sa.select(schema.schema_version.c.version)).scalar()
-            if version != schema.SCHEMA_VERSION:
+            if not isinstance(version, int) or not OLDEST <= version <= schema.SCHEMA_VERSION:
                 raise StoreError(
                     f"{where}: schema version {version}, expected {schema.SCHEMA_VERSION}: "
                     "made by another version of this program; nothing was changed"
                 )
             missing = set(schema.metadata.tables) - names
+            if version < schema.SCHEMA_VERSION:
+                missing.discard(schema.schedule_marks.name)
             if missing:
                 raise StoreError(f"{where}: damaged: no table {min(missing)}; nothing was changed")
+            if version < schema.SCHEMA_VERSION:
+                migrate(connection, version)
             return
         schema.metadata.create_all(connection)
         connection.execute(

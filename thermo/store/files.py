@@ -13,8 +13,9 @@ from thermo.recording.output_scale import OutputScale, OutputUnit
 from thermo.recording.readings_check import flag_readings
 from thermo.recording.summary import RecordingSummary
 from thermo.store.database import parse_url
+from thermo.store.export import export_test
 from thermo.store.spool.recover import copies, recover
-from thermo.store.store import Store, export_test, open_store
+from thermo.store.store import Store, open_store
 from thermo.store.stream import export_in_pieces
 
 log = logging.getLogger(__name__)

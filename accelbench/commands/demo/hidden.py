@@ -38,6 +38,7 @@ from thermo.planning.sequence import Accelerometer, load_sequence, parse_sequenc
 from thermo.planning.sequence import Sequence as TestSequence
 from thermo.recording.channel import channel_of
 from thermo.recording.files import RecordedRuns, join_runs, read_runs, write_runs
+from thermo.station.job import make_job
 from thermo.station.outcome import Observer, TestOutcome
 from thermo.store.files import open_existing_store, recorded_runs
 from thermo.twin.accelerometer import EmulatedAccelerometer
@@ -133,9 +134,7 @@ class _Bench:
         store_path = str(self.folder / "store.sqlite")
         with self.watch(sequence) as observers:
             outcome = run_emulated(
-                sequence,
-                store_path,
-                config=config,
+                make_job(sequence, store_path),
                 plant=plant,
                 clock=SteppedClock((self.tests - 1) * 3 * DAY_S),
                 observers=observers,

@@ -11,7 +11,7 @@ from thermo.planning.text import mounting_lines, plan_lines
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MountingForeseen:
-    """What the accelerometers of one mounting will give; units and K1's scale are the first's."""
+    """Foresight for the accelerometers of one mounting; units and K1's scale are the first's."""
 
     serials: tuple[str, ...]
     coefficients: Foresight

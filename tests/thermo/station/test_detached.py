@@ -10,6 +10,7 @@ from thermo.launch.emulated import run_emulated
 from thermo.planning.default_station import default_station
 from thermo.planning.plan import make_plan
 from thermo.planning.sequence import load_sequence
+from thermo.station.job import make_job
 from thermo.station.observers.detached import MOST, DetachedObserver, Worker
 from thermo.station.observers.live import LiveEstimate
 from thermo.station.outcome import Event, Observers, Progress
@@ -113,7 +114,7 @@ def test_an_observer_that_stands_still_or_fails_takes_no_reading_from_a_test(tmp
     sequence = load_sequence(SHORT)
     plan = make_plan(sequence, default_station(sequence))
     detached = DetachedObserver(observer)
-    outcome = run_emulated(sequence, tmp_path / "s.sqlite", observers=[detached])
+    outcome = run_emulated(make_job(sequence, tmp_path / "s.sqlite"), observers=[detached])
     assert outcome.clean
     assert (outcome.readings, outcome.skipped) == (
         plan.runs * plan.slots * len(sequence.accelerometers),

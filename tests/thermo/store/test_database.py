@@ -8,8 +8,9 @@ import pytest
 from errormodel.errors import StoreError
 from thermo.store.database import one_line, parse_url, session_engine, shown
 from thermo.store.files import open_existing_store
+from thermo.store.records import NewTest
 from thermo.store.spool.log import digest
-from thermo.store.store import NewTest, open_store
+from thermo.store.store import open_store
 
 SECRET = "hush77"
 

@@ -151,7 +151,7 @@ class DetachedObserver:
 
     @property
     def lost(self) -> str:
-        """Why nothing is shown any more; empty as long as it is."""
+        """Reason why nothing is shown any more; empty as long as something is."""
         return self._failure or getattr(self._observer, "lost", "")
 
     def on_reading(self, run: int, rows: Sequence[ReadingRow]) -> None:

@@ -20,7 +20,7 @@ import sqlalchemy as sa
 
 from errormodel.errors import StoreError
 from thermo.store.database import StoreAwayError, told_as_store_error
-from thermo.store.records import QUANTITIES, ReadingRow
+from thermo.store.records import QUANTITIES, ReadingRow, ScheduleMark
 from thermo.store.sqlite import inode
 from thermo.store.store import Store
 
@@ -70,6 +70,8 @@ def apply(store: Store, operation: Operation, *, again: bool) -> Any:
         When it refuses this.
     """
     arguments = dict(operation.arguments)
+    if operation.call == "mark_schedule":
+        arguments["mark"] = ScheduleMark(**arguments["mark"])
     # the methods of `Store` itself, not those of a spooled store that would come here again
     if operation.call != "append":
         return getattr(Store, operation.call)(store, **arguments)

@@ -1,4 +1,4 @@
-"""What an earlier process left: a spool that did not flow in, a test that was not ended.
+"""Recovery of what an earlier process left: a spool not taken in, a test not ended.
 
 And the files that lie beside a store and tell of it.
 """

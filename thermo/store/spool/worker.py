@@ -31,7 +31,7 @@ class Worker:
 
     @property
     def is_current(self) -> bool:
-        """Whether the caller is the worker itself."""
+        """True when the caller is the worker itself."""
         return threading.current_thread() is self._thread
 
     def submit(self, call: Callable[[], Value]) -> "Future[Value]":
