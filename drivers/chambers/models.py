@@ -7,7 +7,7 @@ from typing import Any
 
 
 @dataclass(frozen=True, slots=True)
-class ChamberModel:
+class ChamberClasses:
     """Driver and emulated controller of a model, each as ``MODULE:CLASS``.
 
     Named and not imported: the station file's form needs the names, the drivers need that form.
@@ -20,16 +20,16 @@ class ChamberModel:
     hidden: tuple[str, ...] = ()
 
 
-CHAMBER_MODELS: Mapping[str, ChamberModel] = {
-    "watlow_f4t": ChamberModel(
+CHAMBER_MODELS: Mapping[str, ChamberClasses] = {
+    "watlow_f4t": ChamberClasses(
         "drivers.chambers.watlow_f4t:WatlowF4T", "drivers.emulators.chamber_ramping:F4T"
     ),
-    "watlow_f4": ChamberModel(
+    "watlow_f4": ChamberClasses(
         "drivers.chambers.watlow_f4:WatlowF4",
         "drivers.emulators.chamber_profiling:F4",
         hidden=("loop_off",),
     ),
-    "eurotherm_3504": ChamberModel(
+    "eurotherm_3504": ChamberClasses(
         "drivers.chambers.eurotherm_3504:Eurotherm3504",
         "drivers.emulators.chamber_ramping:Eurotherm",
     ),

@@ -95,7 +95,7 @@ def parse_scan(reply: str) -> tuple[ScanItem, ...]:
     return tuple(items)
 
 
-def parse_error(reply: str) -> tuple[int, str]:
+def parse_scpi_error(reply: str) -> tuple[int, str]:
     """Parse the reply to SYSTem:ERRor?.
 
     Returns

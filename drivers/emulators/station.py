@@ -12,7 +12,7 @@ from drivers.emulators.faults import FaultPlan
 from drivers.emulators.motion import HeadEmulator
 from drivers.emulators.multimeter import MultimeterEmulator
 from drivers.emulators.plant import Plant
-from drivers.links.modbus import Transport, parse_url
+from drivers.links.modbus import Transport, parse_modbus_url
 from drivers.station import ChamberConfig, FaultKind, PanelAction, StationConfig
 
 log = logging.getLogger(__name__)
@@ -248,7 +248,7 @@ def _modbus_port(url: str) -> tuple[Transport, str, int, Path | None]:
     parts = urlsplit(url)
     if parts.scheme == "modbus+rtu" and (parts.netloc + parts.path).strip("/") == "auto":
         return "rtu", "", 0, None
-    end = parse_url(url)
+    end = parse_modbus_url(url)
     if end.transport == "rtu":
         return "rtu", "", 0, Path(end.host)
     return end.transport, end.host, end.port, None

@@ -69,7 +69,7 @@ class Answer:
     exception: int | None = None
 
 
-def parse_url(url: str) -> Endpoint:
+def parse_modbus_url(url: str) -> Endpoint:
     """Read the URL of a Modbus controller.
 
     Parameters

@@ -28,7 +28,7 @@ from drivers.links.modbus import (
     PortError,
     Question,
     SilenceError,
-    parse_url,
+    parse_modbus_url,
 )
 from drivers.station import LinkConfig
 
@@ -102,7 +102,7 @@ class ModbusLink:
         self._config = config
         self._barrier = barrier
         self._before_write = before_write
-        self._endpoint = parse_url(config.url)
+        self._endpoint = parse_modbus_url(config.url)
         self._lock = threading.RLock()
         self._port: Port | None = None
         self._closed = False

@@ -52,7 +52,7 @@ def check_digest(found: str, stated: str, path: Path | str, key: str) -> None:
         raise InputError(path, key, "does not fit the content: the file was changed by hand")
 
 
-def json_text(model: BaseModel, *, indent: int) -> str:
+def json_file_text(model: BaseModel, *, indent: int) -> str:
     """Return a file's text."""
     return json.dumps(model.model_dump(mode="json"), ensure_ascii=False, indent=indent) + "\n"
 

@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from errormodel.arrays import FloatArray
-from errormodel.io.signed import check_digest, content_digest, json_text, read_json
+from errormodel.io.signed import check_digest, content_digest, json_file_text, read_json
 from errormodel.io.toml import check
 from errormodel.terms import Description
 from sinscal.calibration.observability import GAUGE
@@ -196,7 +196,7 @@ def result_digest(result: ResultContent) -> str:
 
 def dump_result(result: ResultContent) -> str:
     """Return the text of RESULT.json."""
-    return json_text(result, indent=1)
+    return json_file_text(result, indent=1)
 
 
 def read_result(path: Path | str) -> RigResult:

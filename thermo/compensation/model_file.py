@@ -18,7 +18,7 @@ from errormodel.fit import ModelFit
 from errormodel.io.signed import (
     check_digest,
     content_digest,
-    json_text,
+    json_file_text,
     read_json,
     software_name,
 )
@@ -308,7 +308,7 @@ def model_digest(accelerometers: Sequence[Mapping[str, Any]]) -> str:
 
 def dump_model(model: ModelFile) -> str:
     """Return a model file's text."""
-    return json_text(model, indent=2)
+    return json_file_text(model, indent=2)
 
 
 def read_model(path: Path | str) -> ModelFile:

@@ -32,7 +32,7 @@ class _Section(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
-class Accelerometer(_Section):
+class TestedAccelerometer(_Section):
     """One accelerometer under test; `nominal_scale` is in its output unit per g.
 
     `mount_deg` is how far it is mounted turned on the head: its input axis stands at the head's
@@ -77,7 +77,7 @@ class Ramp(_Section):
     positions: Positions | None = None
 
 
-class Cycle(_Section):
+class TemperatureCycle(_Section):
     """Short for `count` times: ramp to `high_c`, soak, ramp to `low_c`, soak.
 
     Begun anywhere but at `low_c`, it goes there first, at the same rate, and soaks.
@@ -92,13 +92,13 @@ class Cycle(_Section):
     positions: Positions | None = None
 
     @model_validator(mode="after")
-    def _check(self) -> "Cycle":
+    def _check(self) -> "TemperatureCycle":
         if not self.high_c - self.low_c >= MIN_RAMP_C:
             raise ValueError(f"low_c {self.low_c:g} must be below high_c {self.high_c:g}")
         return self
 
 
-Segment = Annotated[Hold | Ramp | Cycle, Field(discriminator="kind")]
+Segment = Annotated[Hold | Ramp | TemperatureCycle, Field(discriminator="kind")]
 
 
 class Rest(_Section):
@@ -239,7 +239,7 @@ class Sequence(_Section):
     """A chamber test sequence; with `run_in`, its run is repeated until that rule stops it."""
 
     name: Annotated[str, Field(min_length=1, max_length=200)]
-    accelerometers: Annotated[tuple[Accelerometer, ...], Field(min_length=1, max_length=1000)]
+    accelerometers: Annotated[tuple[TestedAccelerometer, ...], Field(min_length=1, max_length=1000)]
     temperature: TemperatureProgramme
     positions: Positions
     sampling: Sampling
@@ -251,7 +251,8 @@ class Sequence(_Section):
     @model_validator(mode="after")
     def _check(self) -> "Sequence":
         legs = sum(
-            2 * s.count + 2 if isinstance(s, Cycle) else 1 for s in self.temperature.segments
+            2 * s.count + 2 if isinstance(s, TemperatureCycle) else 1
+            for s in self.temperature.segments
         )
         if legs > MAX_LEGS:
             raise ValueError(f"temperature.segments: {legs} ramps and holds, at most {MAX_LEGS}")

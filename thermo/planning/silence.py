@@ -6,7 +6,7 @@ or the longest the store may take. Everything here is in real seconds.
 """
 
 from drivers.digitisers.keysight_34970a import AUTOZERO, LINE_PERIOD_S, REPLY_BYTES, SETTLE_S
-from drivers.links.modbus import parse_url
+from drivers.links.modbus import parse_modbus_url
 from drivers.station import StationConfig
 
 # questions between two beats while the chamber is recognised, looked at or made safe: the
@@ -45,7 +45,7 @@ def longest_step_s(config: StationConfig, store_s: float = READ_PATIENCE_S) -> f
     """
     chamber, digitiser, head = config.chamber, config.digitiser, config.head
     try:
-        tcp = parse_url(chamber.url).transport == "tcp"
+        tcp = parse_modbus_url(chamber.url).transport == "tcp"
     except ValueError:  # told when the chamber is opened
         tcp = True
     limits = TCP_LIMITS if tcp else RTU_LIMITS

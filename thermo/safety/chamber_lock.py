@@ -22,7 +22,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from drivers.errors import LinkError
-from drivers.links.modbus import parse_url
+from drivers.links.modbus import parse_modbus_url
 from drivers.station import ChamberConfig
 from thermo.safety.processes import process_state, user_name
 
@@ -227,7 +227,7 @@ def lock_names(config: ChamberConfig, *, salt: str = "") -> tuple[str, ...]:
         If the URL is of no known kind, or the host has no address.
     """
     try:
-        end = parse_url(config.url)
+        end = parse_modbus_url(config.url)
     except ValueError as err:
         raise LinkError(f"chamber: {err}") from None
     if end.transport == "rtu":

@@ -27,7 +27,7 @@ from thermo.station.outcome import (
 )
 from thermo.station.reading import inputs_of, scan_channels
 from thermo.station.resume_point import ResumePoint, find_resume_point, is_own
-from thermo.station.runs import Runs
+from thermo.station.runs import RunSeries
 from thermo.station.safe_end import clean_up, one_line, safe_json
 from thermo.station.session import Heartbeat, Session, no_heartbeat
 from thermo.store.records import NewTest
@@ -136,7 +136,7 @@ class _Test:
         self._control = control
         self._heartbeat = heartbeat
         self._session: Session | None = None
-        self._runs: Runs | None = None
+        self._runs: RunSeries | None = None
 
     def run(self, before_command: Callable[[str], None], *, take_over: bool) -> TestOutcome:
         end = _End()
@@ -195,7 +195,7 @@ class _Test:
             "commanded. Free it at its panel, or start with --take-over"
         )
 
-    def _begin(self, identities: dict[str, str]) -> tuple[Session, Runs]:
+    def _begin(self, identities: dict[str, str]) -> tuple[Session, RunSeries]:
         """Enter the test, or its resumption, into the store."""
         station, plan = self._station, self._plan
         channels = scan_channels(inputs_of(plan.sequence, station.config))
@@ -214,7 +214,7 @@ class _Test:
             )
         journal = Journal(self._store, self._test_id, self._observers, self._clock)
         session = Session(plan, station, self._clock, journal, self._control, self._heartbeat)
-        self._session, self._runs = session, Runs(session)
+        self._session, self._runs = session, RunSeries(session)
         if self._resumed:
             journal.event("resumed", f"on {station.config.chamber.url}")
         else:

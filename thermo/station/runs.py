@@ -13,7 +13,7 @@ from thermo.station.uniformity import judge_test
 from thermo.store.database import StoreAwayError
 
 
-class Runs:
+class RunSeries:
     """The runs of a session's test."""
 
     def __init__(self, session: Session) -> None:

@@ -20,7 +20,7 @@ import sqlalchemy as sa
 from sqlalchemy.exc import SQLAlchemyError
 
 from errormodel.errors import StoreError
-from thermo.store.database import session_engine, told_as_store_error
+from thermo.store.database import session_engine, store_errors
 
 log = logging.getLogger(__name__)
 
@@ -89,7 +89,7 @@ class ServerClaim:
         digest = hashlib.sha256(b"accelbench claim " + test_id.encode()).digest()
         key = int.from_bytes(digest[:8], "big", signed=True)
         deadline_s = time.monotonic() + patience_s
-        with told_as_store_error(f"test {test_id}"):
+        with store_errors(f"test {test_id}"):
             connection = session_engine(url).connect()
             connection = connection.execution_options(isolation_level="AUTOCOMMIT")
             try:

@@ -60,7 +60,7 @@ def utc_now() -> str:
     return datetime.now(UTC).isoformat(timespec="microseconds")
 
 
-def one_line(err: BaseException) -> str:
+def driver_message(err: BaseException) -> str:
     """Return the first line of what a driver said, without any password."""
     cause = err.orig if isinstance(err, DBAPIError) and err.orig is not None else err
     line = (str(cause).strip().splitlines() or [type(cause).__name__])[0]
@@ -70,7 +70,7 @@ def one_line(err: BaseException) -> str:
 
 
 @contextmanager
-def told_as_store_error(where: str) -> Generator[None]:
+def store_errors(where: str) -> Generator[None]:
     """Turn what the database says into a `StoreError` of one line.
 
     Refused values are one; everything else a database can say means that it is away.
@@ -78,12 +78,12 @@ def told_as_store_error(where: str) -> Generator[None]:
     try:
         yield
     except (IntegrityError, DataError, OverflowError, sqlite3.IntegrityError) as err:
-        raise StoreError(f"{where}: {one_line(err)}") from err
+        raise StoreError(f"{where}: {driver_message(err)}") from err
     except (SQLAlchemyError, sqlite3.Error) as err:
-        raise StoreAwayError(f"{where}: {one_line(err)}") from err
+        raise StoreAwayError(f"{where}: {driver_message(err)}") from err
 
 
-def parse_url(url: str | Path) -> sa.URL:
+def parse_store_url(url: str | Path) -> sa.URL:
     """Turn a bare path, ``sqlite:///path`` or ``postgresql://…`` into a URL.
 
     Raises
@@ -135,7 +135,7 @@ def shown(url: sa.URL | str | Path) -> str:
     if not isinstance(url, sa.URL):
         if "://" not in str(url):
             return str(url)
-        url = parse_url(url)
+        url = parse_store_url(url)
     if url.get_backend_name() == "sqlite":
         return str(url.database)
     query = {name: value if name in _SHOWN else _MASK for name, value in url.query.items()}
@@ -167,7 +167,7 @@ def open_engine(url: sa.URL, *, existing: bool = False) -> sa.Engine:
     else:
         engine = _postgres_engine(url)
     try:
-        with told_as_store_error(where):
+        with store_errors(where):
             _make_or_check_tables(engine, where)
     except BaseException:
         engine.dispose()
@@ -178,7 +178,7 @@ def open_engine(url: sa.URL, *, existing: bool = False) -> sa.Engine:
 def _make_tables_in_file(url: sa.URL, where: str) -> None:
     engine = sqlite_engine(url, write_ahead=False)
     try:
-        with told_as_store_error(where):
+        with store_errors(where):
             _make_or_check_tables(engine, where)
     finally:
         engine.dispose()

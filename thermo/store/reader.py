@@ -9,7 +9,7 @@ import pandas as pd
 import sqlalchemy as sa
 
 from thermo.store import queries
-from thermo.store.database import shown, told_as_store_error
+from thermo.store.database import shown, store_errors
 from thermo.store.records import (
     EventRecord,
     ReadingRow,
@@ -49,37 +49,37 @@ class StoreReader:
 
     def test(self, test_id: str) -> TestRecord:
         """Return a test with its runs."""
-        with told_as_store_error(self._where), self._reader.connect() as connection:
+        with store_errors(self._where), self._reader.connect() as connection:
             return queries.test(connection, test_id)
 
     def has_test(self, test_id: str) -> bool:
         """Tell whether there is such a test."""
-        with told_as_store_error(self._where), self._reader.connect() as connection:
+        with store_errors(self._where), self._reader.connect() as connection:
             return queries.has_test(connection, test_id)
 
     def running_tests(self) -> tuple[str, ...]:
         """Return the ids of the tests that are called running, whether anybody runs them or not."""
-        with told_as_store_error(self._where), self._reader.connect() as connection:
+        with store_errors(self._where), self._reader.connect() as connection:
             return queries.running_tests(connection)
 
     def tests(self) -> tuple[TestSummary, ...]:
         """Return all tests, the oldest first."""
-        with told_as_store_error(self._where), self._reader.connect() as connection:
+        with store_errors(self._where), self._reader.connect() as connection:
             return queries.tests(connection)
 
     def events(self, test_id: str) -> tuple[EventRecord, ...]:
         """Return what happened in a test, in the order of logging."""
-        with told_as_store_error(self._where), self._reader.connect() as connection:
+        with store_errors(self._where), self._reader.connect() as connection:
             return queries.events(connection, test_id)
 
     def last_schedule_mark(self, test_id: str, run: int) -> ScheduleMark | None:
         """Return where the schedule of a run stood last; None: it has not begun."""
-        with told_as_store_error(self._where), self._reader.connect() as connection:
+        with store_errors(self._where), self._reader.connect() as connection:
             return queries.last_schedule_mark(connection, test_id, run)
 
     def last_reading(self, test_id: str, run: int) -> ReadingRow | None:
         """Return the reading of a run that is latest in time, voided or not; None: none yet."""
-        with told_as_store_error(self._where), self._reader.connect() as connection:
+        with store_errors(self._where), self._reader.connect() as connection:
             return queries.last_reading(connection, test_id, run)
 
     def readings(self, test_id: str, run: int | None = None) -> pd.DataFrame:
@@ -88,23 +88,23 @@ class StoreReader:
         Columns: run and those of `ReadingRow`, NaN where nothing was measured, and `voided`:
         empty, or why the attempt the reading belongs to does not count.
         """
-        with told_as_store_error(self._where), self._reader.connect() as connection:
+        with store_errors(self._where), self._reader.connect() as connection:
             return queries.readings(connection, test_id, run)
 
     @contextmanager
     def snapshot(self) -> Generator[sa.Connection]:
         """Give a connection on which every question is answered as of one moment."""
-        with told_as_store_error(self._where), self._reader.connect() as connection:
+        with store_errors(self._where), self._reader.connect() as connection:
             if connection.dialect.name == "postgresql":
                 connection = connection.execution_options(isolation_level="REPEATABLE READ")
             yield connection
 
     def has_readings(self, values: Sequence[Mapping[str, Any]]) -> bool:
         """Tell whether readings, as `reading_values` has them, are all there."""
-        with told_as_store_error(self._where), self._reader.connect() as connection:
+        with store_errors(self._where), self._reader.connect() as connection:
             return queries.has_readings(connection, values)
 
     def attempts(self, test_id: str) -> set[tuple[int, int, int]]:
         """Return the attempts with readings and the voided ones, as (run, segment, attempt)."""
-        with told_as_store_error(self._where), self._reader.connect() as connection:
+        with store_errors(self._where), self._reader.connect() as connection:
             return queries.all_attempts(connection, test_id)

@@ -21,10 +21,10 @@ from errormodel.errors import StoreError
 from thermo.store import changes, queries, schema
 from thermo.store.claims import Claims, HeldClaim
 from thermo.store.database import (
-    one_line,
+    driver_message,
     open_engine,
-    parse_url,
-    told_as_store_error,
+    parse_store_url,
+    store_errors,
     utc_now,
 )
 from thermo.store.reader import StoreReader
@@ -57,7 +57,7 @@ def open_store(url: str | Path, *, existing: bool = False) -> "Store":
         If it cannot be reached, is damaged, is no store, or was made by a newer program; then
         nothing was changed.
     """
-    parsed = parse_url(url)
+    parsed = parse_store_url(url)
     return Store(open_engine(parsed, existing=existing), parsed)
 
 
@@ -95,7 +95,7 @@ class Store(StoreReader):
         """
         if self.path is None:
             return True
-        with told_as_store_error(self._where):
+        with store_errors(self._where):
             return checkpoint(self._engine, tries)
 
     def note(self) -> str:
@@ -128,7 +128,7 @@ class Store(StoreReader):
             "safe_result_json": "",
         }
         try:
-            with told_as_store_error(self._where), self._engine.begin() as connection:
+            with store_errors(self._where), self._engine.begin() as connection:
                 connection.execute(sa.insert(schema.tests), [values])
         except BaseException:
             self._release(test_id)
@@ -162,7 +162,7 @@ class Store(StoreReader):
             "start_clock_s": start_clock_s,
             "status": "running",
         }
-        with told_as_store_error(f"test {test_id}"), self._engine.begin() as connection:
+        with store_errors(f"test {test_id}"), self._engine.begin() as connection:
             changes.begin_run(connection, values)
 
     def append(self, test_id: str, run: int, rows: Sequence[ReadingRow]) -> None:
@@ -180,7 +180,7 @@ class Store(StoreReader):
             return
         values = [reading_values(test_id, run, row) for row in rows]
         attempts = {(test_id, int(run), v["segment"], v["attempt"]) for v in values}
-        with told_as_store_error(f"test {test_id} run {run}"):
+        with store_errors(f"test {test_id} run {run}"):
             try:
                 with self._engine.begin() as connection:
                     for key in attempts - self._checked:
@@ -221,7 +221,7 @@ class Store(StoreReader):
             "text": plain_text(text),
             "logged_utc": logged_utc or utc_now(),
         }
-        with told_as_store_error(f"test {test_id}"), self._engine.begin() as connection:
+        with store_errors(f"test {test_id}"), self._engine.begin() as connection:
             changes.insert_once(connection, schema.events, values)
 
     def mark_schedule(
@@ -243,7 +243,7 @@ class Store(StoreReader):
             **asdict(mark),
             "logged_utc": logged_utc or utc_now(),
         }
-        with told_as_store_error(f"test {test_id} run {run}"), self._engine.begin() as connection:
+        with store_errors(f"test {test_id} run {run}"), self._engine.begin() as connection:
             changes.insert_once(connection, schema.schedule_marks, values)
 
     def mark_attempt(
@@ -270,7 +270,7 @@ class Store(StoreReader):
         int
             The number of the next attempt.
         """
-        with told_as_store_error(f"test {test_id} run {run}"), self._engine.begin() as connection:
+        with store_errors(f"test {test_id} run {run}"), self._engine.begin() as connection:
             following = changes.void_attempts(
                 connection, test_id, run, segment, plain_text(flag), attempt
             )
@@ -280,7 +280,7 @@ class Store(StoreReader):
     def finish_run(self, test_id: str, run: int, status: str) -> None:
         """Say how a run ended: "finished", "interrupted" or "failed"."""
         check_status(status)
-        with told_as_store_error(f"test {test_id} run {run}"), self._engine.begin() as connection:
+        with store_errors(f"test {test_id} run {run}"), self._engine.begin() as connection:
             changes.finish_run(connection, test_id, run, status)
         self._checked.clear()
 
@@ -298,14 +298,14 @@ class Store(StoreReader):
             "outcome": plain_text(outcome),
             "safe_result_json": plain_text(safe_result_json),
         }
-        with told_as_store_error(f"test {test_id}"), self._engine.begin() as connection:
+        with store_errors(f"test {test_id}"), self._engine.begin() as connection:
             changes.finish_test(connection, test_id, ending)
         self._checked.clear()
         self._release(test_id)
 
     def reopen_test(self, test_id: str) -> None:
         """Mark a test that was interrupted or has failed as running again; claim it first."""
-        with told_as_store_error(f"test {test_id}"), self._engine.begin() as connection:
+        with store_errors(f"test {test_id}"), self._engine.begin() as connection:
             changes.reopen_test(connection, test_id)
 
     # ---- claims ----
@@ -337,7 +337,7 @@ class Store(StoreReader):
         with self._reader.connect() as connection:
             twice = queries.first_present(connection, values)
         if twice is None:
-            return StoreError(f"{where}: {one_line(err)}; nothing was changed")
+            return StoreError(f"{where}: {driver_message(err)}; nothing was changed")
         return StoreError(
             f"{where}: {twice['serial']} slot {twice['slot']} attempt {twice['attempt']} is there "
             "already, expected a reading not yet stored; nothing was changed"

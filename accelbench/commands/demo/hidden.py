@@ -34,8 +34,8 @@ from thermo.discrepancy.experiment import Experiment
 from thermo.discrepancy.find import Discrepancy, find_discrepancy
 from thermo.launch.emulated import run_emulated
 from thermo.planning.default_station import default_station
-from thermo.planning.sequence import Accelerometer, load_sequence, parse_sequence
 from thermo.planning.sequence import Sequence as TestSequence
+from thermo.planning.sequence import TestedAccelerometer, load_sequence, parse_sequence
 from thermo.recording.channel import channel_of
 from thermo.recording.files import RecordedRuns, join_runs, read_runs, write_runs
 from thermo.station.job import make_job
@@ -287,7 +287,7 @@ def _next_run(
     together = sequence.model_copy(
         update={
             "accelerometers": tuple(
-                Accelerometer(serial=s, nominal_scale=one.nominal_scale)
+                TestedAccelerometer(serial=s, nominal_scale=one.nominal_scale)
                 for s in (d.serial, *loaded)
             ),
             "temperature": sequence.temperature.model_copy(update={"repeats": 1}),

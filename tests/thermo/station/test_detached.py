@@ -11,7 +11,7 @@ from thermo.planning.default_station import default_station
 from thermo.planning.plan import make_plan
 from thermo.planning.sequence import load_sequence
 from thermo.station.job import make_job
-from thermo.station.observers.detached import MOST, DetachedObserver, Worker
+from thermo.station.observers.detached import MOST, DetachedObserver, ObserverWorker
 from thermo.station.observers.live import LiveEstimate
 from thermo.station.outcome import Event, Observers, Progress
 from thermo.store.records import ReadingRow
@@ -85,7 +85,7 @@ def test_what_nobody_takes_is_given_up():
 
 
 def test_a_handler_of_a_signal_may_hand_something_over_while_it_interrupts_just_that():
-    worker = Worker("test", lambda _: None)
+    worker = ObserverWorker("test", lambda _: None)
     done: list[int] = []
     with worker._changed:  # where the handler finds the main thread
         worker.post(lambda: done.append(1), "line")

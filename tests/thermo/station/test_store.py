@@ -12,7 +12,7 @@ from tests.thermo.store.outages import away
 from thermo.launch.emulated import run_emulated
 from thermo.planning.sequence import parse_sequence
 from thermo.station.job import make_job
-from thermo.station.runs import Runs
+from thermo.station.runs import RunSeries
 from thermo.store.files import open_existing_store
 from thermo.store.spool import bypass as store_bypass
 from thermo.store.spool.spooled_store import open_spooled_store
@@ -125,7 +125,7 @@ def test_between_two_questions_to_a_store_that_does_not_answer_the_chamber_is_lo
     asked: list[tuple[str, int]] = []
 
     def note(name: str) -> Callable[..., object]:
-        real = getattr(Runs, name)
+        real = getattr(RunSeries, name)
 
         def noted(*given: object) -> object:
             result = real(*given)
@@ -135,7 +135,7 @@ def test_between_two_questions_to_a_store_that_does_not_answer_the_chamber_is_lo
         return noted
 
     for name in ("_judge_ramps", "_decide"):
-        monkeypatch.setattr(Runs, name, note(name))
+        monkeypatch.setattr(RunSeries, name, note(name))
     with (
         open_spooled_store(store_url, patience_s=PATIENCE_S) as store,
         Outage(world, store_url, begin=12),

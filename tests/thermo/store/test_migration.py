@@ -13,7 +13,7 @@ import pytest
 import sqlalchemy as sa
 
 from errormodel.errors import StoreError
-from thermo.store.database import open_engine, parse_url
+from thermo.store.database import open_engine, parse_store_url
 from thermo.store.migration import mark_of_event
 from thermo.store.records import ScheduleMark
 from thermo.store.schema import SCHEMA_VERSION, metadata
@@ -65,7 +65,7 @@ def test_a_migrated_store_has_the_tables_of_a_new_one(old, tmp_path):
         pass
     found = []
     for path in (old, new):
-        engine = open_engine(parse_url(path), existing=True)
+        engine = open_engine(parse_store_url(path), existing=True)
         with engine.connect() as connection:
             asked = sa.text("SELECT type, name FROM sqlite_master ORDER BY type, name")
             names = [tuple(row) for row in connection.execute(asked)]

@@ -28,7 +28,7 @@ from errormodel.errors import StoreError
 from thermo.planning.silence import READ_PATIENCE_S
 from thermo.store.database import StoreAwayError, open_engine
 from thermo.store.spool.log import Operation, SpoolFile, apply, replay, spool_path
-from thermo.store.spool.worker import Worker
+from thermo.store.spool.worker import StoreWorker
 from thermo.store.sqlite import Identity, checkpoint, copy_open_file, identity
 from thermo.store.store import Store
 
@@ -63,7 +63,7 @@ class BypassedStore(Store):
     """
 
     def __init__(
-        self, engine: sa.Engine, url: sa.URL, worker: Worker, folder: Path, patience_s: float
+        self, engine: sa.Engine, url: sa.URL, worker: StoreWorker, folder: Path, patience_s: float
     ) -> None:
         super().__init__(engine, url)
         self.patience_s = patience_s

@@ -16,7 +16,7 @@ from drivers.clock import Clock
 from errormodel.errors import StoreError
 from thermo.planning.silence import READ_PATIENCE_S
 from thermo.store.claims import HeldClaim
-from thermo.store.database import open_engine, parse_url, shown
+from thermo.store.database import open_engine, parse_store_url, shown
 from thermo.store.records import (
     EventRecord,
     NewTest,
@@ -29,9 +29,9 @@ from thermo.store.records import (
     reading_values,
 )
 from thermo.store.spool.bypass import BypassedStore, result_of
-from thermo.store.spool.log import Operation, default_folder, prove_writable
+from thermo.store.spool.log import Operation, default_folder, prove_spool_writable
 from thermo.store.spool.recover import recover
-from thermo.store.spool.worker import Worker
+from thermo.store.spool.worker import StoreWorker
 
 log = logging.getLogger(__name__)
 
@@ -77,10 +77,10 @@ def open_spooled_store(
     StoreError
         If it cannot be opened, does not answer, or the spool's folder cannot be written.
     """
-    parsed = parse_url(url)
+    parsed = parse_store_url(url)
     folder = spool_folder or default_folder()
-    prove_writable(folder)
-    worker = Worker("store")
+    prove_spool_writable(folder)
+    worker = StoreWorker("store")
     try:
         opening = worker.submit(partial(open_engine, parsed))
         engine = result_of(opening, OPEN_PATIENCE_S, shown(parsed))

@@ -14,7 +14,7 @@ TICK_S = 0.25  # real seconds without work after which the idle job is called
 Value = TypeVar("Value")
 
 
-class Worker:
+class StoreWorker:
     """Does one job after another in a thread of its own; the process does not wait for it to end.
 
     Parameters
