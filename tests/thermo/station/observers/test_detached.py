@@ -17,7 +17,7 @@ from thermo.station.outcome import Event, Observers, Progress
 from thermo.store.records import ReadingRow
 from thermo.store.store import open_store
 
-SHORT = Path(__file__).parents[3] / "examples/sequences/short.toml"
+SHORT = Path(__file__).parents[4] / "examples/sequences/short.toml"
 PATIENCE_S = 60.0
 
 
