@@ -8,7 +8,7 @@ import logging
 import time
 
 from drivers.errors import LinkError, ProtocolError
-from drivers.links.serial_port import PORT_ERRORS, AnyPort, Flow, address, open_port, why
+from drivers.links.serial_port import PORT_ERRORS, AnyPort, Flow, address, error_text, open_port
 
 log = logging.getLogger(__name__)
 
@@ -117,7 +117,7 @@ class SerialLine:
             if port.in_waiting:
                 self._buffer += port.read(port.in_waiting)
         except PORT_ERRORS as err:
-            raise LinkError(f"{self._where}: {before} not sent: {why(err)}") from err
+            raise LinkError(f"{self._where}: {before} not sent: {error_text(err)}") from err
         taken = bytes(self._buffer)
         self._buffer.clear()
         return taken
@@ -140,7 +140,7 @@ class SerialLine:
         try:
             port.write(data)
         except PORT_ERRORS as err:
-            raise LinkError(f"{self._where}: {what} not sent: {why(err)}") from err
+            raise LinkError(f"{self._where}: {what} not sent: {error_text(err)}") from err
 
     def read_line(self, deadline_s: float) -> bytes | None:
         """Return bytes up to the next LF, which is dropped; None when the deadline passed.
@@ -194,7 +194,7 @@ class SerialLine:
             first = port.read(1)
             return first + (port.read(port.in_waiting) if first and port.in_waiting else b"")
         except PORT_ERRORS as err:
-            raise LinkError(f"{self._where}: the port is gone: {why(err)}") from err
+            raise LinkError(f"{self._where}: the port is gone: {error_text(err)}") from err
 
     def _live(self) -> AnyPort:
         if self._port is None:
@@ -205,4 +205,4 @@ class SerialLine:
         try:
             return open_port(self._address, self._baud, self._flow, max(self._timeout_s, 1.0))
         except PORT_ERRORS as err:
-            raise LinkError(f"{self._where}: cannot be opened: {why(err)}") from err
+            raise LinkError(f"{self._where}: cannot be opened: {error_text(err)}") from err

@@ -25,7 +25,7 @@ from thermo.station.job import Job
 from thermo.station.outcome import Observer, RunControl, TestOutcome
 from thermo.station.procedure import run_test
 from thermo.station.session import no_heartbeat
-from thermo.store.spool.spooled_store import open_spooled_store, patience_s
+from thermo.store.spool.spooled_store import open_spooled_store, write_patience_s
 
 log = logging.getLogger(__name__)
 
@@ -97,7 +97,7 @@ def run_on_station(
         store = stack.enter_context(open_spooled_store(job.store_url))
         if job.resume is not None:
             store.claim(job.resume)
-        store.patience_s = patience_s(job.sequence.sampling.period_s, clock)
+        store.patience_s = write_patience_s(job.sequence.sampling.period_s, clock)
         sitting = None
         if guard:  # before anything is opened or written
             lock = take_lock(job.station.chamber)

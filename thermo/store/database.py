@@ -130,7 +130,7 @@ def _secrets_of(url: sa.URL) -> set[str]:
     return hidden - {""}
 
 
-def shown(url: sa.URL | str | Path) -> str:
+def display_url(url: sa.URL | str | Path) -> str:
     """Return a store for messages: the file, or the URL without password or other secrets."""
     if not isinstance(url, sa.URL):
         if "://" not in str(url):
@@ -157,7 +157,7 @@ def open_engine(url: sa.URL, *, existing: bool = False) -> sa.Engine:
     StoreError
         If it cannot be reached, is damaged, is not a store, or is newer than this program.
     """
-    where = shown(url)
+    where = display_url(url)
     if url.get_backend_name() == "sqlite":
         path = Path(str(url.database))
         look_before_opening(path, existing=existing)
@@ -202,7 +202,9 @@ def _postgres_engine(url: sa.URL, **options: Any) -> sa.Engine:
             },
         )
     except ImportError:
-        raise StoreError(f"{shown(url)}: needs psycopg: install accelbench[postgres]") from None
+        raise StoreError(
+            f"{display_url(url)}: needs psycopg: install accelbench[postgres]"
+        ) from None
 
     def on_connect(db: Any, _: Any) -> None:
         with db.cursor() as cursor:

@@ -9,7 +9,7 @@ import pandas as pd
 import sqlalchemy as sa
 
 from thermo.store import queries
-from thermo.store.database import shown, store_errors
+from thermo.store.database import display_url, store_errors
 from thermo.store.records import (
     EventRecord,
     ReadingRow,
@@ -33,11 +33,11 @@ class StoreReader:
         self._engine = engine
         self._reader = engine.execution_options(reading=True)
         self._url = url
-        self._where = shown(url)
+        self._where = display_url(url)
 
     @property
     def url(self) -> sa.URL:
-        """URL with the password; `thermo.store.database.shown` is for messages."""
+        """URL with the password; `thermo.store.database.display_url` is for messages."""
         return self._url
 
     @property

@@ -29,7 +29,7 @@ from thermo.station.observers.live import LiveEstimate
 from thermo.station.outcome import Observer, TestOutcome
 from thermo.station.run_in import judge_stored
 from thermo.station.uniformity import RampVerdict, judge_test
-from thermo.store.database import parse_store_url, shown
+from thermo.store.database import display_url, parse_store_url
 from thermo.store.files import export_recorded, open_existing_store
 
 log = logging.getLogger(__name__)
@@ -97,7 +97,7 @@ def run(
     with watching(job.plan.total_s, live) as watch:
         outcome = _run(job, clock, watch.observers, take_over=take_over)
     after = _afterwards(job, outcome, out)
-    where = shown(parse_store_url(store))
+    where = display_url(parse_store_url(store))
     document = run_document(outcome, after, where, live)
     emit(document, run_text(outcome, after, where), as_json=as_json)
     if after.problems or not after.all_settled:
@@ -137,7 +137,7 @@ def _check_store(store: str) -> None:
     if path is None:
         return
     if not path.resolve().parent.is_dir():
-        raise InputError(shown(store), "--store", "its folder does not exist")
+        raise InputError(display_url(store), "--store", "its folder does not exist")
     prove_writable(path)
 
 
@@ -195,7 +195,7 @@ def _afterwards(job: Job, outcome: TestOutcome, out: Path | None) -> Afterwards:
             exported = export_recorded(store, outcome.test_id, out)
             done = replace(done, exported=tuple(str(e.path) for e in exported))
         if not done.exported:
-            store_shown = shown(parse_store_url(job.store_url))
+            store_shown = display_url(parse_store_url(job.store_url))
             again = ("export", outcome.test_id, "--store", store_shown, "--out", str(out))
             problems.append(f"get the readings with: accelbench {shlex.join(again)}")
     return replace(done, problems=tuple(problems))

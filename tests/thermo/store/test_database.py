@@ -6,7 +6,7 @@ import sqlite3
 import pytest
 
 from errormodel.errors import StoreError
-from thermo.store.database import driver_message, parse_store_url, session_engine, shown
+from thermo.store.database import display_url, driver_message, parse_store_url, session_engine
 from thermo.store.files import open_existing_store
 from thermo.store.records import NewTest
 from thermo.store.spool.log import digest
@@ -61,7 +61,7 @@ def test_the_name_of_a_spool_does_not_change_with_the_password():
     urls = [f"postgresql://u{p}@h/x{q}" for p, q in ((":a", ""), ("", ""), ("", "?password=b"))]
     assert len({digest(parse_store_url(url)) for url in urls}) == 1
     assert digest(parse_store_url("postgresql://u@h/y")) != digest(parse_store_url(urls[0]))
-    assert shown("night.sqlite") == "night.sqlite"
+    assert display_url("night.sqlite") == "night.sqlite"
 
 
 def test_a_server_is_given_time_limits(postgres_server):

@@ -16,7 +16,7 @@ from drivers.clock import Clock
 from errormodel.errors import StoreError
 from thermo.planning.silence import READ_PATIENCE_S
 from thermo.store.claims import HeldClaim
-from thermo.store.database import open_engine, parse_store_url, shown
+from thermo.store.database import display_url, open_engine, parse_store_url
 from thermo.store.records import (
     EventRecord,
     NewTest,
@@ -43,7 +43,7 @@ END_PATIENCE_S = 30.0  # for the spool to flow in at the end
 END_TRIES = 10  # of a checkpoint
 
 
-def patience_s(period_s: float, clock: Clock) -> float:
+def write_patience_s(period_s: float, clock: Clock) -> float:
     """Return for how many real seconds a write may keep a test waiting: one sampling period.
 
     Parameters
@@ -83,7 +83,7 @@ def open_spooled_store(
     worker = StoreWorker("store")
     try:
         opening = worker.submit(partial(open_engine, parsed))
-        engine = result_of(opening, OPEN_PATIENCE_S, shown(parsed))
+        engine = result_of(opening, OPEN_PATIENCE_S, display_url(parsed))
     except BaseException:
         worker.stop()
         raise
