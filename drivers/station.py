@@ -213,6 +213,7 @@ class StationConfig(_Section):
     digitiser: DigitiserConfig
     head: HeadConfig
     inputs: Annotated[tuple[InputConfig, ...], Field(min_length=1)]
+    signals: dict[str, Channel] = {}  # recorded besides, V: the signal's name and its channel
     on_foreign_change: Literal["end", "pause", "tell"] = "end"
     guardian: GuardianConfig = GuardianConfig()
     emulation: EmulationConfig | None = None
@@ -220,6 +221,7 @@ class StationConfig(_Section):
     @model_validator(mode="after")
     def _check(self) -> "StationConfig":
         channels = [c for i in self.inputs for c in (i.output_channel, i.thermistor_channel)]
+        channels += self.signals.values()
         if len(set(channels)) != len(channels):
             raise ValueError("inputs: a digitiser channel is used twice")
         serials = [i.serial for i in self.inputs]

@@ -39,7 +39,8 @@ from sinscal.model.sensors import SensorModel
 from sinscal.recording.run import AXES, RigRun
 from sinscal.twin.rehearse import Rehearsal
 from thermo.compensation.model_file import EQUATION, reporting_factors
-from thermo.library.terms import LIBRARY, term
+from thermo.fitting.terms_wanted import check_terms
+from thermo.library import term
 
 FORMAT = "accelbench-combined-calibration"
 FORMULA = (
@@ -109,9 +110,7 @@ class CombinedResult(ResultContent):
         if tuple(self.accelerometers) != AXES:
             raise ValueError("accelerometers must be those of x, y and z")
         for one in self.accelerometers.values():
-            for name in one.terms:
-                if name not in LIBRARY:
-                    raise ValueError(f"no term {name!r}; expected some of {', '.join(LIBRARY)}")
+            check_terms(one.terms)
         for group in self.groups:
             try:
                 rig_library().group(group)

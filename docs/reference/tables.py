@@ -26,7 +26,7 @@ from sinscal.recording.files import NavSidecar, RigSidecar
 from sinscal.twin.rig_file import RigFile
 from thermo.compensation.model_file import ModelFile
 from thermo.fitting.fit import TermsFile
-from thermo.library.terms import LIBRARY
+from thermo.library import thermal_library
 from thermo.planning.bounds import SEQUENCE, STATION, Bounds
 from thermo.planning.sequence import Sequence
 from thermo.recording.files import Sidecar
@@ -53,7 +53,7 @@ def markdown(head: tuple[str, ...], rows: Rows) -> str:
 def terms() -> str:
     """Return the library of terms."""
     rows: Rows = []
-    for name, make in LIBRARY.items():
+    for name, make in thermal_library().terms.items():
         term = make()
         place = "replaces temperature" if isinstance(term, InputChange) else term.place
         unknowns = [f"{c.symbol}, {_unit(c.unit)}" for c in term.coefficients]

@@ -13,7 +13,14 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    SerializerFunctionWrapHandler,
+    model_serializer,
+    model_validator,
+)
 
 from errormodel.arrays import FloatArray
 from errormodel.errors import InputError
@@ -21,7 +28,8 @@ from errormodel.fit import ModelFit
 from errormodel.io.toml import check, read_text
 from errormodel.model import ErrorModel
 from thermo.fitting.fit import AccelerometerFit
-from thermo.library.terms import LIBRARY, term
+from thermo.fitting.terms_wanted import check_terms
+from thermo.library import term, thermal_library
 
 FORMAT = "accelbench-model"
 EQUATION = (
@@ -73,6 +81,13 @@ class UnseenPart(_Part):
     moves: dict[str, Finite]
 
 
+class LibraryPart(_Part):
+    """A file of the user's that terms of the model come from."""
+
+    name: str
+    sha256: str
+
+
 class AccelerometerModel(_Part):
     """One accelerometer's model, ready to apply."""
 
@@ -97,12 +112,24 @@ class AccelerometerModel(_Part):
     run_to_run: dict[str, Finite] | None = None
     inside: InsidePart | None = None
     unseen: tuple[UnseenPart, ...] = ()
+    library: tuple[LibraryPart, ...] = ()
+
+    @model_serializer(mode="wrap")
+    def _without_empty_library(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        content: dict[str, Any] = handler(self)
+        if not self.library:
+            content.pop("library", None)
+        return content
 
     @model_validator(mode="after")
     def _check(self) -> "AccelerometerModel":
-        for name in self.terms:
-            if name not in LIBRARY:
-                raise ValueError(f"no term {name!r}; expected some of {', '.join(LIBRARY)}")
+        for part in self.library:
+            if part.sha256 not in [s.sha256 for s in thermal_library().sources]:
+                raise ValueError(
+                    f"has terms of the library {part.name}, SHA-256 {part.sha256[:12]}…; expected "
+                    "that file by --library, as it was when the model was fitted"
+                )
+        check_terms(self.terms)
         expected = self.error_model().names
         if set(self.coefficients) != set(expected) or tuple(self.names) != expected:
             raise ValueError(f"coefficients and names must be those of the terms: {expected}")
@@ -232,6 +259,7 @@ def run_to_run_of(one: AccelerometerFit) -> dict[str, float] | None:
 
 
 def _unseen_of(one: AccelerometerFit) -> list[dict[str, Any]]:
+    known = thermal_library().parameters
     return [
         {
             "family": u.family,
@@ -239,7 +267,7 @@ def _unseen_of(one: AccelerometerFit) -> list[dict[str, Any]]:
             "moves": {
                 name: move * (one.own_scale if name == "k1" else 1e6)
                 for name, move in u.moves.items()
-                if name == "k1" or name.startswith(("k0", "k1_t")) or name in one.fit.names
+                if known[name].family in ("k0", "k1") or name in one.fit.names
             },
         }
         for u in one.doubts.unseen
@@ -279,6 +307,10 @@ def model_of(one: AccelerometerFit) -> AccelerometerModel:
             "run_to_run": run_to_run_of(one),
             "inside": inside_of(one),
             "unseen": _unseen_of(one),
+            "library": [
+                {"name": s.name, "sha256": s.sha256}
+                for s in thermal_library().sources_of([t.name for t in fitted.model.terms])
+            ],
         }
     )
 

@@ -226,7 +226,7 @@ def _make_or_check_tables(engine: sa.Engine, where: str) -> None:
                     f"{where}: schema version {version}, expected {schema.SCHEMA_VERSION}: "
                     "made by another version of this program; nothing was changed"
                 )
-            missing = set(schema.metadata.tables) - names
+            missing = set(schema.metadata.tables) - names - {schema.signals.name}
             if missing:
                 raise StoreError(f"{where}: damaged: no table {min(missing)}; nothing was changed")
             return

@@ -59,6 +59,21 @@ readings = sa.Table(
     sqlite_with_rowid=False,  # the key's order is the order of arrival: appended, not inserted
 )
 
+# signals recorded beside the quantities of every reading; a store that has none may lack it
+signals = sa.Table(
+    "signals",
+    metadata,
+    sa.Column("test_id", sa.String, primary_key=True),
+    sa.Column("run", sa.Integer, primary_key=True, autoincrement=False),
+    sa.Column("slot", sa.Integer, primary_key=True, autoincrement=False),
+    sa.Column("attempt", sa.Integer, primary_key=True, autoincrement=False),
+    sa.Column("serial", sa.String, primary_key=True),
+    sa.Column("name", sa.String, primary_key=True),
+    sa.Column("value", sa.Double, nullable=False),
+    sa.ForeignKeyConstraint(["test_id", "run"], ["runs.test_id", "runs.number"]),
+    sqlite_with_rowid=False,
+)
+
 voided = sa.Table(
     "voided",
     metadata,
@@ -83,7 +98,7 @@ events = sa.Table(
     sa.Column("logged_utc", sa.String, nullable=False),
 )
 
-_ADD_ONLY = ("readings", "voided", "events")
+_ADD_ONLY = ("readings", "signals", "voided", "events")
 
 
 def _guard(table: sa.Table) -> None:

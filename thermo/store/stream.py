@@ -88,6 +88,7 @@ class _Export:
         self._counts = {(meaning.run_id(c.run), c.serial.strip()): c for c in counts}
         self._asked = tuple(dict.fromkeys(c.serial for c in counts))
         self._serials: dict[str, None] = {}  # in the order in which they are written
+        self._signals: dict[str, None] = {}
         self._flagged, self._has_input = 0, True
 
     def write(self, path: Path) -> RecordingSummary:
@@ -132,7 +133,8 @@ class _Export:
                 elif not record.time_s[rows.start] > last[1]:
                     self._refuse_same_time(key, last[1])
                 flags = record.flag.texts_of(rows)
-                digest.add([n[rows] for n in record.numbers().values()], flags)
+                digest.add([n[rows] for n in record.digested()], flags)
+                self._signals |= dict.fromkeys(record.more)
                 last = key, float(record.time_s[rows.stop - 1])
         return {run: digest.hexdigest() for run, digest in digests.items()}
 
@@ -154,7 +156,7 @@ class _Export:
         turned = any(c.positions and c.serial in self._meaning.mount_deg for c in counts)
         used |= set(FORCES) if turned else set()
         used |= {"flag"} if self._flagged else set()
-        return tuple(name for name in (*COLUMNS, "flag") if name in used)
+        return tuple(n for n in (*COLUMNS, *self._signals, "flag") if n in {*used, *self._signals})
 
 
 def _stretches(record: RecordedRuns) -> Iterator[slice]:

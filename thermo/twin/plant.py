@@ -21,7 +21,8 @@ from errormodel.arrays import FloatArray
 from errormodel.model import ErrorModel
 from errormodel.record import Record
 from errormodel.terms import Memory
-from thermo.library.terms import term
+from thermo.library import term
+from thermo.recording.signals import Conditions, emulated_columns, signals_of
 from thermo.twin.assembly_stress import assembly_stress
 from thermo.uncertainty.head_accuracy import ARCSEC
 
@@ -167,9 +168,8 @@ class _Unit:
 
     def relive(self, time_s: FloatArray, inside_c: FloatArray) -> None:
         """Leave the memory as this past leaves it."""
-        x, none = inside_c - T_REF_C, np.zeros(time_s.size)
-        signals = dict.fromkeys(("a_i_g", "a_p_g", "a_o_g", "rate_c_per_min"), none)
-        record = Record(time_s=time_s, signals={**signals, "x_c": x, "x_slow_c": x})
+        none = np.zeros(time_s.size)
+        record = _record_of(time_s, inside_c, none, angle_rad=np.nan, head_deg=0.0)
         _, self.memory = self.given.model.design(record, self.given.values, self.memory)
         self.passed.clear()
 
@@ -186,21 +186,7 @@ class _Unit:
         now_s = max(now_s, self.last_s + 1e-6)  # a second question at the same instant
         path = [p for p in self.passed if p[0] < now_s] + [(now_s, inside_c, rate)]
         time_s, temp_c, rates = np.array(path).T
-        x, full = temp_c - T_REF_C, np.ones(time_s.size)
-        record = Record(
-            time_s=time_s,
-            signals={
-                "a_i_g": np.sin(angle_rad) * full,
-                "a_p_g": np.cos(angle_rad) * full,
-                "a_o_g": 0.0 * full,
-                "x_c": x,
-                "x_slow_c": x,
-                "rate_c_per_min": rates,
-                "elapsed_h": time_s / 3600.0,
-                "head_deg": head_deg * full,
-                "mounting": 0.0 * full,
-            },
-        )
+        record = _record_of(time_s, temp_c, rates, angle_rad=angle_rad, head_deg=head_deg)
         output, self.memory = self.given.model.continue_simulation(
             record, self.given.values, self.memory
         )
@@ -211,6 +197,27 @@ class _Unit:
         self.passed.clear()
         white_g = 1e-6 * self.given.white_ug * float(self.rng.standard_normal())
         return float(output[-1]) + self.drift_g + self.turn_on_g + white_g
+
+
+def _record_of(
+    time_s: FloatArray, temp_c: FloatArray, rates: FloatArray, *, angle_rad: float, head_deg: float
+) -> Record:
+    """Return what acts on an accelerometer at some temperatures; without force at no angle."""
+    full = np.ones(time_s.size)
+    still = np.isnan(angle_rad)
+    a_i, a_p = (0.0, 0.0) if still else (np.sin(angle_rad), np.cos(angle_rad))
+    at = Conditions(
+        time_s=time_s,
+        run=np.zeros(time_s.size, dtype=np.intp),
+        temp_c=temp_c,
+        position_deg=head_deg * full,
+        force_g=(a_i * full, a_p * full, 0.0 * full),
+        elapsed_h=time_s / 3600.0,
+        t_ref_c=T_REF_C,
+        known_slow=(temp_c, rates),
+        known_mounting=0.0,
+    )
+    return Record(time_s=time_s, signals=signals_of(replace(at, columns=emulated_columns(at))))
 
 
 class Twin:
@@ -227,6 +234,8 @@ class Twin:
         Of all noise.
     mount_deg : mapping, optional
         How far accelerometers are mounted turned on the head, °, by serial number.
+    signals : mapping, optional
+        Digitiser channels of recorded signals, by the signal's name.
 
     Raises
     ------
@@ -241,6 +250,7 @@ class Twin:
         settings: TwinSettings | None = None,
         seed: int = 1,
         mount_deg: Mapping[str, float] | None = None,
+        signals: Mapping[str, int] | None = None,
     ) -> None:
         missing = [i.serial for i in inputs if i.serial not in accelerometers]
         if missing:
@@ -260,6 +270,7 @@ class Twin:
         ]
         self._outputs = {i.output_channel: (k, i) for k, i in enumerate(inputs)}
         self._thermistors = {i.thermistor_channel: (k, i) for k, i in enumerate(inputs)}
+        self._signals = {channel: name for name, channel in (signals or {}).items()}
         self._taus = np.array([self._set.air_tau_s, self._set.case_tau_s, self._set.inside_tau_s])
         self._state = np.full(1 + 2 * len(inputs), self._set.start_c)
         self._setpoint = np.array([self._set.start_c, self._set.start_c, np.inf])
@@ -356,7 +367,17 @@ class Twin:
                 )
                 volts_per_unit = wired.load_ohm / 1000.0 if wired.output_unit == "mA" else 1.0
                 return output * self._units[k].given.nominal_scale * volts_per_unit
+            if channel in self._signals:
+                return self._signal(now_s, self._signals[channel])
             return 0.0
+
+    def _signal(self, now_s: float, name: str) -> float:
+        """Return a recorded signal, which is that of the whole station: as the air makes it."""
+        air_c, now = self._state[:1].copy(), np.array([now_s])
+        record = _record_of(
+            now, air_c, np.zeros(1), angle_rad=np.nan, head_deg=self.head_deg(now_s)
+        )
+        return float(record[name][0])
 
     def _inside(self, index: int) -> float:
         return float(self._state[1 + len(self._units) + index])
@@ -426,7 +447,7 @@ def make_plant(
     }
     if new_from_assembly:
         made = {s: newly_assembled(one, s, seed=seed) for s, one in made.items()}
-    return Twin(station.inputs, made, settings, seed, mount_deg)
+    return Twin(station.inputs, made, settings, seed, mount_deg, station.signals)
 
 
 def newly_assembled(

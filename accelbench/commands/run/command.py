@@ -14,6 +14,7 @@ from accelbench.commands.run.progress import watching
 from accelbench.commands.run.store_commands import store_option
 from accelbench.commands.run.text import Afterwards, run_document, run_text
 from accelbench.shell.console import emit
+from accelbench.shell.library import library_option
 from accelbench.shell.outputs import checked_run_output, force_option, json_option, prove_writable
 from accelbench.shell.surroundings import current_shell
 from drivers.clock import Clock, ScaledClock, SteppedClock
@@ -69,6 +70,7 @@ class _Job:
     help="Multiple of real time, for emulated instruments only; as fast as can be if not given.",
 )
 @force_option
+@library_option()
 @json_option
 def run(
     sequence: Path | None,
