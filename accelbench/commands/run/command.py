@@ -21,6 +21,7 @@ from drivers.clock import Clock, ScaledClock, SteppedClock
 from drivers.errors import InstrumentError
 from drivers.station import StationConfig
 from errormodel.errors import InputError, WorkbenchError
+from thermo.fitting.terms_wanted import TermsFile, read_terms
 from thermo.launch.emulated import run_emulated
 from thermo.launch.real import load_station, run_on_station
 from thermo.planning.default_station import default_station
@@ -30,6 +31,7 @@ from thermo.planning.sequence import load_sequence, parse_sequence
 from thermo.planning.text import mounting_lines
 from thermo.run_in.verdict import RunInVerdict
 from thermo.station.live import LiveEstimate
+from thermo.station.live_model import LIVE_TERMS
 from thermo.station.outcome import Observer, TestOutcome
 from thermo.station.run_in import judge_stored
 from thermo.station.uniformity import RampVerdict, judge_test
@@ -64,6 +66,7 @@ class _Job:
 )
 @click.option("--dry-run", is_flag=True, help="Print the plan and do nothing.")
 @click.option("--out", type=Path, help="Write the recorded run here when it is done.")
+@click.option("--terms", type=Path, help="TERMS.toml of the live estimate.")
 @click.option(
     "--speed",
     type=click.FloatRange(min=0, min_open=True),
@@ -80,6 +83,7 @@ def run(
     take_over: bool,
     dry_run: bool,
     out: Path | None,
+    terms: Path | None,
     speed: float | None,
     force: bool,
     as_json: bool,
@@ -95,7 +99,7 @@ def run(
     shell = current_shell()
     if not dry_run:
         shell.terminal.detach()
-    inputs = [p for p in (sequence, station) if p is not None]
+    inputs = [p for p in (sequence, station, terms) if p is not None]
     if out is not None:
         checked_run_output(out, inputs, force=force)
     job = replace(_job(sequence, station, store, resume, speed), take_over=take_over)
@@ -107,10 +111,7 @@ def run(
     _check_store(store)
     for line in mounting_lines(job.sequence):
         click.echo(f"mounting: {line}", err=True)
-    live = LiveEstimate(
-        {a.serial: a.nominal_scale for a in job.sequence.accelerometers},
-        mount_deg={a.serial: a.mount_deg for a in job.sequence.accelerometers},
-    )
+    live = live_estimate(job.sequence, terms)
     shell.late_signals.install()
     with watching(plan.total_s, live) as watch:
         outcome = _run(job, watch.observers)
@@ -121,6 +122,27 @@ def run(
     if after.problems or not after.all_settled:
         return FAILED
     return exit_code(outcome, after.verdicts)
+
+
+def live_estimate(sequence: TestSequence, path: Path | None) -> LiveEstimate:
+    """Return the live estimate of a test, by the terms of a TERMS.toml where one is given.
+
+    Raises
+    ------
+    InputError
+        If the terms are none of the library or cannot be estimated live.
+    """
+    given = read_terms(path) if path is not None else TermsFile()
+    try:
+        return LiveEstimate(
+            {a.serial: a.nominal_scale for a in sequence.accelerometers},
+            mount_deg={a.serial: a.mount_deg for a in sequence.accelerometers},
+            terms=given.terms or LIVE_TERMS,
+            start=given.start,
+            t_ref_c=given.t_ref_c,
+        )
+    except ValueError as err:
+        raise InputError(path or "the live estimate", "terms", str(err)) from None
 
 
 def exit_code(outcome: TestOutcome, verdicts: Sequence[RampVerdict]) -> int:
