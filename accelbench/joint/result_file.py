@@ -13,6 +13,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from errormodel.arrays import FloatArray
+from errormodel.io.python_file import Source, check_source
 from errormodel.model import ErrorModel
 from sinscal.calibration.observability import observability
 from sinscal.combination.combine import Combination
@@ -23,6 +24,7 @@ from sinscal.judgement.result_file import (
     ResultContent,
     RigResult,
     checked_result,
+    library_files,
     read_json,
     signed,
 )
@@ -40,7 +42,7 @@ from sinscal.recording.run import AXES, RigRun
 from sinscal.twin.rehearse import Rehearsal
 from thermo.compensation.model_file import EQUATION, reporting_factors
 from thermo.fitting.terms_wanted import check_terms
-from thermo.library import term
+from thermo.library import term, thermal_library
 
 FORMAT = "accelbench-combined-calibration"
 FORMULA = (
@@ -109,6 +111,8 @@ class CombinedResult(ResultContent):
             raise ValueError(f"format must be {FORMAT}")
         if tuple(self.accelerometers) != AXES:
             raise ValueError("accelerometers must be those of x, y and z")
+        for part in self.library:
+            check_source(part.name, part.sha256, _sources())
         for one in self.accelerometers.values():
             check_terms(one.terms)
         for group in self.groups:
@@ -152,6 +156,10 @@ class CombinedResult(ResultContent):
     def valid_c(self) -> tuple[tuple[float, float], ...]:
         """The range of each accelerometer's model, x, y, z."""
         return tuple(one.valid_c for one in self.accelerometers.values())
+
+
+def _sources() -> list[Source]:
+    return [*rig_library().sources, *thermal_library().sources]
 
 
 def _told_names(sensors: SensorModel) -> tuple[str, ...]:
@@ -221,7 +229,7 @@ def make_combined(
             accelerometers={
                 axis: MountedAccelerometer(
                     serial=one.serial,
-                    terms=tuple(t.name for t in one.without_mounting().model.terms),
+                    terms=_terms(one),
                     valid_c=one.valid_c,
                 )
                 for axis, one in zip(("x", "y", "z"), chambers, strict=True)
@@ -233,9 +241,14 @@ def make_combined(
             ),
             contradictions=made.test.contradictions,
             flight_m=FlightErrors(**made.flight_m),
+            library=library_files(_sources(), [*added, *(t for c in chambers for t in _terms(c))]),
             **content,
         )
     )
+
+
+def _terms(chamber: ChamberModel) -> tuple[str, ...]:
+    return tuple(t.name for t in chamber.without_mounting().model.terms)
 
 
 def read_calibration(path: Path | str) -> RigResult | CombinedResult:

@@ -5,6 +5,7 @@ JSON. Values are SI in the order of `names`; `result_id` is a digest of the cont
 
 import hashlib
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, TypeVar
 
@@ -13,6 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from errormodel.arrays import FloatArray
 from errormodel.errors import InputError
+from errormodel.io.python_file import Source, check_source, sources_of
 from errormodel.io.toml import check, read_text
 from errormodel.terms import Description
 from sinscal.calibration.observability import GAUGE
@@ -70,6 +72,13 @@ class PriorValue(_Part):
     sigma: Sigma
 
 
+class LibraryFile(_Part):
+    """A file of the user's that groups or terms of the model come from."""
+
+    name: str
+    sha256: str
+
+
 class RunFacts(_Part):
     """The run it was made of."""
 
@@ -112,6 +121,7 @@ class ResultContent(_Part):
     protection: dict[str, Any] | None = None
     drift: tuple[dict[str, Any], ...] = ()
     not_tested: tuple[str, ...] = ()
+    library: tuple[LibraryFile, ...] = ()
     warnings: tuple[str, ...]
 
     @property
@@ -144,6 +154,8 @@ class RigResult(ResultContent):
     def _fits(self) -> Self:
         if self.format != FORMAT:
             raise ValueError(f"format must be {FORMAT}")
+        for part in self.library:
+            check_source(part.name, part.sha256, rig_library().sources)
         try:
             known = self.sensors.names
         except KeyError as err:
@@ -176,9 +188,22 @@ def make_result(judged: Judged, run: RigRun | NavRun) -> RigResult:
     """Make the result file of a calibration."""
     found = judged.found
     content = result_content(judged, run, rig_estimates(found))
+    groups = _groups(found.sensors)
     return signed(
-        RigResult(groups=_groups(found.sensors), steps=judged.steps, drifts=judged.terms, **content)
+        RigResult(
+            groups=groups,
+            steps=judged.steps,
+            drifts=judged.terms,
+            library=library_files(rig_library().sources, groups),
+            **content,
+        )
     )
+
+
+def library_files(sources: Sequence[Source], names: Sequence[str]) -> tuple[LibraryFile, ...]:
+    """Return the user's files that some groups or terms come from, as a result has them."""
+    found = sources_of(sources, names)
+    return tuple(LibraryFile(name=one.name, sha256=one.sha256) for one in found)
 
 
 def signed(result: R) -> R:
@@ -190,7 +215,7 @@ def result_digest(result: ResultContent) -> str:
     """Return the digest of a result's content."""
     content = result.model_dump(mode="json", exclude={"result_id"})
     # files made before these were known keep their digest
-    for later in ("protection", "drift", "drifts", "not_tested"):
+    for later in ("protection", "drift", "drifts", "not_tested", "library"):
         if not content.get(later):
             content.pop(later, None)
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:16]

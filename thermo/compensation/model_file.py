@@ -25,6 +25,7 @@ from pydantic import (
 from errormodel.arrays import FloatArray
 from errormodel.errors import InputError
 from errormodel.fit import ModelFit
+from errormodel.io.python_file import check_source, sources_of
 from errormodel.io.toml import check, read_text
 from errormodel.model import ErrorModel
 from thermo.fitting.fit import AccelerometerFit
@@ -124,11 +125,7 @@ class AccelerometerModel(_Part):
     @model_validator(mode="after")
     def _check(self) -> "AccelerometerModel":
         for part in self.library:
-            if part.sha256 not in [s.sha256 for s in thermal_library().sources]:
-                raise ValueError(
-                    f"has terms of the library {part.name}, SHA-256 {part.sha256[:12]}…; expected "
-                    "that file by --library, as it was when the model was fitted"
-                )
+            check_source(part.name, part.sha256, thermal_library().sources)
         check_terms(self.terms)
         expected = self.error_model().names
         if set(self.coefficients) != set(expected) or tuple(self.names) != expected:
@@ -309,7 +306,7 @@ def model_of(one: AccelerometerFit) -> AccelerometerModel:
             "unseen": _unseen_of(one),
             "library": [
                 {"name": s.name, "sha256": s.sha256}
-                for s in thermal_library().sources_of([t.name for t in fitted.model.terms])
+                for s in sources_of(thermal_library().sources, [t.name for t in fitted.model.terms])
             ],
         }
     )

@@ -12,7 +12,7 @@ from functools import cached_property
 from typing import cast
 
 from errormodel.errors import InputError
-from errormodel.io.python_file import PythonFile, members_of
+from errormodel.io.python_file import PythonFile, Source, members_of
 from errormodel.terms import Description, Effect
 from thermo.library import head, lag, loop, passing, polynomial, rate, readout, static
 from thermo.library.effects import ThermalEffect
@@ -22,7 +22,6 @@ from thermo.library.static import STATIC_NAMES
 __all__ = [
     "MAX_ORDER",
     "STATIC_NAMES",
-    "Source",
     "ThermalLibrary",
     "term",
     "thermal_library",
@@ -32,15 +31,6 @@ __all__ = [
 
 MODULES = (polynomial, static, rate, loop, lag, passing, head, readout)
 Maker = Callable[[], Effect]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Source:
-    """A file of a user's that terms came from: its name, the SHA-256 of its text, its terms."""
-
-    name: str
-    sha256: str
-    terms: frozenset[str]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -85,10 +75,6 @@ class ThermalLibrary:
                 "needs --library FILE"
             )
         return self.terms[name]()
-
-    def sources_of(self, names: Sequence[str]) -> tuple[Source, ...]:
-        """Return the user's files that some terms came from."""
-        return tuple(one for one in self.sources if one.terms & set(names))
 
     def with_members(
         self, terms: Mapping[str, Maker], effects: Sequence[ThermalEffect], source: Source
@@ -162,7 +148,7 @@ def with_thermal_file(file: PythonFile) -> ThermalLibrary:
         raise InputError(file.path, "TERMS", problem)
     terms = cast(Mapping[str, Maker], given)
     effects = [e for e in members_of(file, "EFFECTS", object) if isinstance(e, ThermalEffect)]
-    source = Source(name=file.path.name, sha256=file.sha256, terms=frozenset(terms))
+    source = Source(name=file.path.name, sha256=file.sha256, members=frozenset(terms))
     return thermal_library().with_members(terms, effects, source)
 
 
