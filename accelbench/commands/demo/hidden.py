@@ -134,7 +134,14 @@ class _Bench:
         self.tests += 1
         config = default_station(sequence)
         mounts = {a.serial: a.mount_deg for a in sequence.accelerometers}
-        plant = Twin(config.inputs, units, SETTINGS, MOST_TESTS * self.seed + self.tests, mounts)
+        plant = Twin(
+            config.inputs,
+            units,
+            SETTINGS,
+            MOST_TESTS * self.seed + self.tests,
+            mounts,
+            config.signals,
+        )
         store_path = str(self.folder / "store.sqlite")
         with self.watch(sequence) as observers:
             outcome = run_emulated(
