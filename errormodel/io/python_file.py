@@ -66,6 +66,8 @@ def run_python_file(path: Path | str) -> PythonFile:
         If it cannot be read or fails.
     """
     path = Path(path)
+    if not path.is_file():
+        raise InputError(path, "", "no such file")
     try:
         content = path.read_bytes()
     except OSError as err:

@@ -66,7 +66,7 @@ class _Job:
 )
 @click.option("--dry-run", is_flag=True, help="Print the plan and do nothing.")
 @click.option("--out", type=Path, help="Write the recorded run here when it is done.")
-@click.option("--terms", type=Path, help="TERMS.toml of the live estimate.")
+@click.option("--model", type=Path, help="TERMS.toml: the terms of the live estimate.")
 @click.option(
     "--speed",
     type=click.FloatRange(min=0, min_open=True),
@@ -83,7 +83,7 @@ def run(
     take_over: bool,
     dry_run: bool,
     out: Path | None,
-    terms: Path | None,
+    model: Path | None,
     speed: float | None,
     force: bool,
     as_json: bool,
@@ -99,7 +99,7 @@ def run(
     shell = current_shell()
     if not dry_run:
         shell.terminal.detach()
-    inputs = [p for p in (sequence, station, terms) if p is not None]
+    inputs = [p for p in (sequence, station, model) if p is not None]
     if out is not None:
         checked_run_output(out, inputs, force=force)
     job = replace(_job(sequence, station, store, resume, speed), take_over=take_over)
@@ -111,7 +111,7 @@ def run(
     _check_store(store)
     for line in mounting_lines(job.sequence):
         click.echo(f"mounting: {line}", err=True)
-    live = live_estimate(job.sequence, terms)
+    live = live_estimate(job.sequence, model)
     shell.late_signals.install()
     with watching(plan.total_s, live) as watch:
         outcome = _run(job, watch.observers)
