@@ -29,8 +29,8 @@ from thermo.planning.plan import make_plan
 from thermo.planning.sequence import load_sequence
 from thermo.recording.files import make_runs, read_runs, write_runs
 from thermo.recording.signals import recorded_signals
-from thermo.station.live import LiveEstimate
-from thermo.station.live_model import LIVE_TERMS
+from thermo.station.observers.live import LiveEstimate
+from thermo.station.observers.live_model import LIVE_TERMS
 from thermo.store.files import open_existing_store, recorded_runs
 from thermo.twin.plant import Twin, TwinSettings
 from thermo.twin.planted import PLAIN_TERMS, plain_accelerometer, plantable

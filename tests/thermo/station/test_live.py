@@ -5,8 +5,8 @@ import numpy as np
 from errormodel.record import Record
 from tests.thermo.examples import NOMINAL, TRUTH, simulate_run
 from thermo.planning.foresight import ASSUMED_NOISE
-from thermo.station.live import LiveEstimate
-from thermo.station.live_model import LIVE_TERMS, LiveModel, LiveReading
+from thermo.station.observers.live import LiveEstimate
+from thermo.station.observers.live_model import LIVE_TERMS, LiveModel, LiveReading
 from thermo.store.records import ReadingRow
 
 QUADRATIC = {**TRUTH, "k0_t3": 0.0, "k2": 0.0, "k3": 0.0, "k_ip": 0.0}

@@ -16,7 +16,7 @@ from errormodel.filter.kalman import Innovation
 from errormodel.filter.recursive import RecursiveFit, start_recursive
 from errormodel.noise.drift import NoiseModel
 from thermo.planning.foresight import ASSUMED_NOISE
-from thermo.station.live_model import LIVE_TERMS, LiveModel, LiveReading
+from thermo.station.observers.live_model import LIVE_TERMS, LiveModel, LiveReading
 from thermo.station.outcome import Event, Progress
 from thermo.store.records import ReadingRow
 
