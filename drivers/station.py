@@ -167,6 +167,13 @@ FaultKind = Literal[
 PanelAction = Literal["setpoint_changed", "loop_off", "foreign_profile"]
 
 
+class SignalConfig(_Section):
+    """A signal of the whole station that is recorded beside the accelerometers: V on a channel."""
+
+    name: str
+    channel: Channel
+
+
 class FaultConfig(_Section):
     """A misbehaviour of an emulated instrument, planned in emulated time."""
 
@@ -213,7 +220,7 @@ class StationConfig(_Section):
     digitiser: DigitiserConfig
     head: HeadConfig
     inputs: Annotated[tuple[InputConfig, ...], Field(min_length=1)]
-    signals: dict[str, Channel] = {}  # recorded besides, V: the signal's name and its channel
+    signals: tuple[SignalConfig, ...] = ()
     on_foreign_change: Literal["end", "pause", "tell"] = "end"
     guardian: GuardianConfig = GuardianConfig()
     emulation: EmulationConfig | None = None
@@ -221,9 +228,12 @@ class StationConfig(_Section):
     @model_validator(mode="after")
     def _check(self) -> "StationConfig":
         channels = [c for i in self.inputs for c in (i.output_channel, i.thermistor_channel)]
-        channels += self.signals.values()
+        channels += [s.channel for s in self.signals]
         if len(set(channels)) != len(channels):
             raise ValueError("inputs: a digitiser channel is used twice")
+        names = [s.name for s in self.signals]
+        if len(set(names)) != len(names):
+            raise ValueError("signals: a name stands twice")
         serials = [i.serial for i in self.inputs]
         if len(set(serials)) != len(serials):
             raise ValueError("inputs: a serial number stands twice")
@@ -231,3 +241,8 @@ class StationConfig(_Section):
         if "loop_off" in kinds and self.chamber.model == "watlow_f4":
             raise ValueError("emulation.faults: a watlow_f4 has no register that tells loop_off")
         return self
+
+    @property
+    def signal_channels(self) -> dict[str, int]:
+        """The channels of recorded signals by the signal's name."""
+        return {s.name: s.channel for s in self.signals}

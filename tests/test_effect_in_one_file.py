@@ -125,13 +125,13 @@ def measured(own: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path,
         same = [a.model_copy(update={"nominal_scale": 1.3}) for a in sequence.accelerometers]
         sequence = sequence.model_copy(update={"accelerometers": tuple(same)})
         config = default_station(sequence)
-        assert list(config.signals) == ["supply_v"]
+        assert list(config.signal_channels) == ["supply_v"]
         units = {
             "QA-001": plain_accelerometer("QA-001", plantable("supply_sensitivity")),
             "QA-003": plain_accelerometer("QA-003"),
         }
         live = LiveEstimate(dict.fromkeys(units, 1.3), terms=(*LIVE_TERMS, "supply_bias"))
-        plant = Twin(config.inputs, units, STILL_HEAD, 3, signals=config.signals)
+        plant = Twin(config.inputs, units, STILL_HEAD, 3, signals=config.signal_channels)
         store = folder / "store.sqlite"
         outcome = run_emulated(sequence, store, config=config, plant=plant, observers=[live])
         assert outcome.status == "finished"

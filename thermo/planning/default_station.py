@@ -1,6 +1,13 @@
 """The emulated station that a sequence runs on when no station file is given."""
 
-from drivers.station import ChamberConfig, DigitiserConfig, HeadConfig, InputConfig, StationConfig
+from drivers.station import (
+    ChamberConfig,
+    DigitiserConfig,
+    HeadConfig,
+    InputConfig,
+    SignalConfig,
+    StationConfig,
+)
 from errormodel.errors import InputError
 from thermo.planning.sequence import Sequence
 from thermo.recording.signals import recorded_signals
@@ -42,5 +49,7 @@ def default_station(sequence: Sequence) -> StationConfig:
         digitiser=DigitiserConfig(url="serial://auto"),
         head=HeadConfig(url="serial://auto", speed_deg_per_s=40.0),
         inputs=inputs,
-        signals={name: LAST_OUTPUT - k for k, name in enumerate(recorded)},
+        signals=tuple(
+            SignalConfig(name=name, channel=LAST_OUTPUT - k) for k, name in enumerate(recorded)
+        ),
     )

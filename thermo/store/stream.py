@@ -5,6 +5,7 @@ the digests, and in order of time, to write them. Nothing is written before all 
 """
 
 import itertools
+import logging
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -18,6 +19,7 @@ from errormodel.io.table_write import write_with_sidecar
 from thermo.recording.digest import RunDigest
 from thermo.recording.output_scale import OutputScale
 from thermo.recording.runs import COLUMNS, FORCES, REQUIRED, RecordedRuns
+from thermo.recording.signals import recorded_signals
 from thermo.recording.summary import RecordingSummary
 from thermo.recording.write import sidecar_of
 from thermo.store import queries
@@ -27,6 +29,8 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from thermo.store.store import Store
+
+log = logging.getLogger(__name__)
 
 
 def export_in_pieces(
@@ -62,6 +66,7 @@ def export_in_pieces(
     """
     starts = run_starts(store.test(test_id).runs)
     with store.snapshot() as connection:
+        _tell_unknown_signals(queries.signal_names(connection, test_id), test_id)
         counts = queries.reading_counts(connection, test_id, serials)
         if not counts:
             raise StoreError(f"test {test_id}: has no readings to export")
@@ -73,6 +78,17 @@ def export_in_pieces(
             positioned=frozenset((c.run, c.serial) for c in counts if c.positions),
         )
         return _Export(connection, meaning, counts).write(path)
+
+
+def _tell_unknown_signals(stored: "Sequence[str]", test_id: str) -> None:
+    """Warn of stored signals that are left out, as no signal in use has their name."""
+    known = [one.name for one in recorded_signals()]
+    if unknown := [name for name in stored if name not in known]:
+        log.warning(
+            "test %s: %s is left out of the recorded run; --library FILE of the signal keeps it",
+            test_id,
+            ", ".join(unknown),
+        )
 
 
 class _Export:

@@ -372,12 +372,13 @@ class Twin:
             return 0.0
 
     def _signal(self, now_s: float, name: str) -> float:
-        """Return a recorded signal, which is that of the whole station: as the air makes it."""
+        """Return a signal of the whole station as the air makes it; 0 where it is not known."""
         air_c, now = self._state[:1].copy(), np.array([now_s])
         record = _record_of(
             now, air_c, np.zeros(1), angle_rad=np.nan, head_deg=self.head_deg(now_s)
         )
-        return float(record[name][0])
+        known = record.signals.get(name)
+        return 0.0 if known is None else float(known[0])
 
     def _inside(self, index: int) -> float:
         return float(self._state[1 + len(self._units) + index])
@@ -447,7 +448,7 @@ def make_plant(
     }
     if new_from_assembly:
         made = {s: newly_assembled(one, s, seed=seed) for s, one in made.items()}
-    return Twin(station.inputs, made, settings, seed, mount_deg, station.signals)
+    return Twin(station.inputs, made, settings, seed, mount_deg, station.signal_channels)
 
 
 def newly_assembled(

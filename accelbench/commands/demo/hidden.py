@@ -140,7 +140,7 @@ class _Bench:
             SETTINGS,
             MOST_TESTS * self.seed + self.tests,
             mounts,
-            config.signals,
+            config.signal_channels,
         )
         store_path = str(self.folder / "store.sqlite")
         with self.watch(sequence) as observers:

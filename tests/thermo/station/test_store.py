@@ -12,8 +12,8 @@ from thermo.launch.emulated import run_emulated
 from thermo.planning.sequence import parse_sequence
 from thermo.station import procedure as station_module
 from thermo.station.procedure import run_test
-from thermo.store import bypass as store_bypass
 from thermo.store.files import open_existing_store
+from thermo.store.spool import bypass as store_bypass
 from thermo.store.spool.spooled_store import open_spooled_store
 from thermo.store.store import open_store
 
