@@ -45,8 +45,8 @@ from thermo.fitting.terms_wanted import check_terms
 from thermo.library import term, thermal_library
 
 FORMAT = "accelbench-combined-calibration"
-FORMULA = (
-    "gyros: ω′ = ω + error as in signs; accelerometer a: f′ = (1 + accel_scale_a)·s(x)·"
+APPLIED = (
+    "accelerometer a: f′ = (1 + accel_scale_a)·s(x)·"
     "(f + mounting + lever + g·(K0(x) + K2·(f/g)² + …)), terms as in equation with a_i = f/g and "
     "k1₀ = 1 + accel_scale_a, k0 = accel_bias_a/(g·k1₀), all other coefficients by axis (k0_t1_a); "
     "x = T_a − t_ref_c; to correct, solve for ω and f"
@@ -61,6 +61,11 @@ UNITS = (
 
 
 AT_REFERENCE = {f"accel_bias_{a}": "m/s²" for a in AXES} | {f"accel_scale_{a}": "1" for a in AXES}
+
+
+def formula() -> str:
+    """Return how the errors enter what gyros and accelerometers measure, in words."""
+    return f"gyros: ω′ = {rig_library().equation('gyro')}; {APPLIED}"
 
 
 class _Part(BaseModel):
@@ -95,7 +100,7 @@ class CombinedResult(ResultContent):
     """RESULT.json of `accelbench combine`."""
 
     accelerometers: dict[Literal["x", "y", "z"], MountedAccelerometer]
-    formula: str = FORMULA
+    formula: str = Field(default_factory=lambda: formula())
     equation: str = EQUATION
     clip_rule: str = CLIP_RULE
     units: str = UNITS

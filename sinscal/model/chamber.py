@@ -17,7 +17,7 @@ from errormodel.terms import in_unit, on_axis
 from sinscal.library import rig_library
 from sinscal.library.groups import CHANNELS
 from sinscal.model.priors import PriorFile, RigPrior, make_prior
-from sinscal.model.sensors import SensorModel, sensor_model
+from sinscal.model.sensors import CHAMBER_SIGNALS, SensorModel, sensor_model
 from sinscal.recording.run import AXES, RigRun
 
 # The mounting in the block says where the input axis points: the case's own angles go into it.
@@ -98,7 +98,8 @@ def combined_sensors(
     Raises
     ------
     InputError
-        If the models do not share their g and reference temperature.
+        If the models do not share their g and reference temperature, or one has a term whose
+        signals a rig run does not give.
     """
     _check(chambers)
     first = chambers[0]
@@ -118,6 +119,11 @@ def combined_sensors(
 def _check(chambers: Sequence[ChamberModel]) -> None:
     if len(chambers) != 3:
         raise InputError("the chamber models", "", f"{len(chambers)} given, expected three: x y z")
+    for chamber in chambers:
+        for one in chamber.model.terms:
+            if missing := sorted(one.needs - CHAMBER_SIGNALS):
+                problem = f"needs {', '.join(missing)}, which a run on a rig does not have"
+                raise InputError(f"serial {chamber.serial}", one.name, problem)
     for one in chambers[1:]:
         for name in ("gravity_m_s2", "t_ref_c"):
             if getattr(one, name) != getattr(chambers[0], name):

@@ -14,8 +14,6 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import (
-    BaseModel,
-    ConfigDict,
     Field,
     SerializerFunctionWrapHandler,
     model_serializer,
@@ -28,6 +26,15 @@ from errormodel.fit import ModelFit
 from errormodel.io.python_file import check_source, sources_of
 from errormodel.io.toml import check, read_text
 from errormodel.model import ErrorModel
+from thermo.compensation.model_parts import (
+    CoefficientValue,
+    Finite,
+    InsidePart,
+    LibraryPart,
+    Part,
+    SupportPart,
+    UnseenPart,
+)
 from thermo.fitting.fit import AccelerometerFit
 from thermo.fitting.terms_wanted import check_terms
 from thermo.library import term, thermal_library
@@ -45,51 +52,8 @@ CLIP_RULE = (
     "beyond support.force_g by more than 0.1 g outside_input"
 )
 
-Finite = Annotated[float, Field(allow_inf_nan=False)]
 
-
-class _Part(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class CoefficientValue(_Part):
-    """One coefficient as reported."""
-
-    value: Finite
-    sigma: Annotated[float, Field(ge=0, allow_inf_nan=False)]
-    unit: str
-
-
-class SupportPart(_Part):
-    """Where there were readings."""
-
-    temp_c: tuple[tuple[Finite, Finite], ...]
-    force_g: dict[str, tuple[Finite, Finite]]
-
-
-class InsidePart(_Part):
-    """The coefficients at a temperature within the readings."""
-
-    t_ref_c: Finite
-    coefficients: dict[str, CoefficientValue]
-
-
-class UnseenPart(_Part):
-    """A polynomial order that the readings do not limit: what it may put wrong, 1 sigma."""
-
-    family: Literal["k0", "k1"]
-    order: int
-    moves: dict[str, Finite]
-
-
-class LibraryPart(_Part):
-    """A file of the user's that terms of the model come from."""
-
-    name: str
-    sha256: str
-
-
-class AccelerometerModel(_Part):
+class AccelerometerModel(Part):
     """One accelerometer's model, ready to apply."""
 
     serial: str
@@ -162,7 +126,7 @@ class AccelerometerModel(_Part):
         return {name: self.coefficients[name].value / factors[name] for name in self.names}
 
 
-class ModelFile(_Part):
+class ModelFile(Part):
     """A model file, with the models of one or more accelerometers."""
 
     format: Literal["accelbench-model"]
