@@ -5,7 +5,7 @@ the effects made of them. The library collects what its modules hold; a file of 
 member more, for as long as a command runs.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
@@ -172,7 +172,7 @@ def rig_library() -> RigLibrary:
 
 
 @contextmanager
-def using_rig_library(library: RigLibrary) -> Iterator[RigLibrary]:
+def using_rig_library(library: RigLibrary) -> Generator[RigLibrary]:
     """Use a library until the end of the block: what a command does with a file of its user's."""
     _in_use.append(library)
     try:

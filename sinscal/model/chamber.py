@@ -27,8 +27,11 @@ CHAMBERS_OWN = ("accel_bias", "accel_scale", "accel_temperature_bias", "accel_te
 # The accelerometers' k1 by name, and their k0 with the k1 of the same axis.
 SCALES = tuple(f"k1_{a}" for a in AXES)
 ZEROS = {f"k0_{a}": f"k1_{a}" for a in AXES}
-AT_REFERENCE = {f"k0_{a}": f"accel_bias_{a}" for a in AXES}
-AT_REFERENCE |= {f"k1_{a}": f"accel_scale_{a}" for a in AXES}
+AT_REFERENCE = {
+    f"{name}_{a}": f"{error}_{a}"
+    for name, error in (("k0", "accel_bias"), ("k1", "accel_scale"))
+    for a in AXES
+}
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

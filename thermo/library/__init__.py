@@ -5,7 +5,7 @@ sentences, the experiments that isolate them and an example for the emulator. Th
 what its modules hold; a file of a user's own is one member more, for as long as a command runs.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
@@ -90,7 +90,7 @@ class ThermalLibrary:
             if name in self.terms:
                 raise InputError(source.name, "TERMS", f"{name} is in the library already")
             try:
-                made = make()
+                made: object = make()
             except Exception as err:
                 problem = f"{name}: {type(err).__name__}: {err}"
                 raise InputError(source.name, "TERMS", problem) from None
@@ -119,7 +119,7 @@ def thermal_library() -> ThermalLibrary:
 
 
 @contextmanager
-def using_thermal_library(library: ThermalLibrary) -> Iterator[ThermalLibrary]:
+def using_thermal_library(library: ThermalLibrary) -> Generator[ThermalLibrary]:
     """Use a library until the end of the block: what a command does with a file of its user's."""
     _in_use.append(library)
     try:

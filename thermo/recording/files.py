@@ -311,7 +311,7 @@ def join_runs(parts: Sequence[RecordedRuns]) -> RecordedRuns:
     return _in_order_of_time(joined, parts)
 
 
-def _joined_signals(parts: Sequence[RecordedRuns]) -> dict[str, FloatArray]:
+def _joined_signals(parts: Sequence[RecordedRuns]) -> Mapping[str, FloatArray]:
     """Return the recorded signals of all parts; NaN in a part that has not one of them."""
     names = dict.fromkeys(name for part in parts for name in part.more)
     return {

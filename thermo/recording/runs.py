@@ -287,7 +287,8 @@ class RecordedRuns:
     def numbers(self) -> dict[str, FloatArray]:
         """Return the columns of numbers by name, in the order of `NUMBERS`, then further ones."""
         numbers = {name: getattr(self, name) for name in NUMBERS if name not in FORCES}
-        return numbers | {name: self.a_g[:, i] for i, name in enumerate(FORCES)} | self.more
+        forces = {name: self.a_g[:, i] for i, name in enumerate(FORCES)}
+        return {**numbers, **forces, **self.more}
 
     def digested(self) -> tuple[FloatArray, ...]:
         """Return the columns that a run's digest is made of: those of every run."""

@@ -6,7 +6,7 @@ column needs: recorded runs, the import's mapping, the store, the emulated stati
 figures ask this registry.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -248,7 +248,7 @@ STANDARD: tuple[Signal, ...] = (
         emulated=lambda at: at.temp_c,
     ),
 )
-_in_use = [STANDARD]
+_in_use: list[tuple[Signal, ...]] = [STANDARD]
 
 
 def signals() -> tuple[Signal, ...]:
@@ -262,7 +262,7 @@ def recorded_signals() -> tuple[Signal, ...]:
 
 
 @contextmanager
-def using_signals(known: tuple[Signal, ...]) -> Iterator[None]:
+def using_signals(known: tuple[Signal, ...]) -> Generator[None]:
     """Use some signals until the end of the block: what a command does with its user's file."""
     _in_use.append(known)
     try:

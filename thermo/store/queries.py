@@ -322,7 +322,7 @@ def reading_counts(
     return [ReadingCount(*row) for row in connection.execute(_that_count(query, serials))]
 
 
-def _joined(signals: Sequence[sa.Alias] = (), names: Sequence[str] = ()) -> sa.Join:
+def _joined(signals: Sequence[sa.FromClause] = (), names: Sequence[str] = ()) -> sa.Join:
     r, v = reading_table.c, voided_table.c
     same = (getattr(r, name) == getattr(v, name) for name in _ATTEMPT)
     joined = reading_table.outerjoin(voided_table, sa.and_(*same))
