@@ -90,7 +90,7 @@ class ThermalLibrary:
             if name in self.terms:
                 raise InputError(source.name, "TERMS", f"{name} is in the library already")
             try:
-                made: object = make()
+                made = cast(object, make())
             except Exception as err:
                 problem = f"{name}: {type(err).__name__}: {err}"
                 raise InputError(source.name, "TERMS", problem) from None

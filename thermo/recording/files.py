@@ -14,12 +14,12 @@ import numpy as np
 import pandas as pd
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, field_validator
 
-from errormodel.arrays import FloatArray, constant
+from errormodel.arrays import constant
 from errormodel.errors import InputError
 from errormodel.io.tables import TableForm, read_table, sidecar_path
 from errormodel.io.toml import check, read_toml
 from thermo.recording.check import Table, build
-from thermo.recording.labels import pair_keys
+from thermo.recording.labels import FloatArray, pair_keys
 from thermo.recording.readings_check import flag_readings
 from thermo.recording.runs import (
     REQUIRED,
