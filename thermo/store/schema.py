@@ -110,7 +110,7 @@ def _guard(table: sa.Table) -> None:
         )
         event.listen(table, "after_create", trigger.execute_if(dialect="sqlite"))
     function = sa.DDL(
-        f"CREATE FUNCTION {table.name}_add_only() RETURNS trigger LANGUAGE plpgsql AS "
+        f"CREATE OR REPLACE FUNCTION {table.name}_add_only() RETURNS trigger LANGUAGE plpgsql AS "
         f"$$ BEGIN RAISE EXCEPTION '{refusal}'; END $$"
     )
     trigger = sa.DDL(
