@@ -18,11 +18,11 @@ from drivers.clock import ScaledClock, SteppedClock
 from errormodel.errors import StoreError
 from tests.thermo.store.outages import away, locked
 from thermo.store import queries
-from thermo.store import spool as store_spool
 from thermo.store.database import StoreAwayError
 from thermo.store.files import open_existing_store
 from thermo.store.records import reading_values
 from thermo.store.spool import bypass as store_bypass
+from thermo.store.spool import spooled_store as store_spool
 from thermo.store.spool.log import Operation, SpoolFile, replay, spool_path
 from thermo.store.spool.recover import recover, spools
 from thermo.store.spool.spooled_store import SpooledStore, open_spooled_store, patience_s
