@@ -29,6 +29,7 @@ if TYPE_CHECKING:
         stability,
     )
     from accelbench.result import Result
+    from accelbench.shell.library import library
     from errormodel.errors import InputError, NotSeparableError, WorkbenchError
     from errormodel.model import ErrorModel
     from thermo.compensation.model_file import ModelFile, read_model
@@ -60,6 +61,7 @@ __all__ = [
     "foresee",
     "import_log",
     "join_runs",
+    "library",
     "load_sequence",
     "load_station",
     "make_job",
@@ -85,6 +87,7 @@ _HOMES = {
         "combine", "compensate", "discrepancy", "fit", "foresee", "runin", "stability",
     ),
     "accelbench.result": ("Result",),
+    "accelbench.shell.library": ("library",),
     "errormodel.errors": ("InputError", "NotSeparableError", "WorkbenchError"),
     "errormodel.model": ("ErrorModel",),
     "thermo.compensation.model_file": ("ModelFile", "read_model"),

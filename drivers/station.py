@@ -173,6 +173,13 @@ FaultKind = Literal[
 PanelAction = Literal["setpoint_changed", "loop_off", "foreign_profile"]
 
 
+class SignalConfig(_Section):
+    """A signal of the whole station that is recorded beside the accelerometers: V on a channel."""
+
+    name: str
+    channel: Channel
+
+
 class FaultConfig(_Section):
     """A misbehaviour of an emulated instrument, planned in emulated time."""
 
@@ -219,6 +226,7 @@ class StationConfig(_Section):
     digitiser: DigitiserConfig
     head: HeadConfig
     inputs: Annotated[tuple[InputConfig, ...], Field(min_length=1)]
+    signals: tuple[SignalConfig, ...] = ()
     on_foreign_change: Literal["end", "pause", "tell"] = "end"
     guardian: GuardianConfig = GuardianConfig()
     emulation: EmulationConfig | None = None
@@ -226,8 +234,12 @@ class StationConfig(_Section):
     @model_validator(mode="after")
     def _check(self) -> "StationConfig":
         channels = [c for i in self.inputs for c in (i.output_channel, i.thermistor_channel)]
+        channels += [s.channel for s in self.signals]
         if len(set(channels)) != len(channels):
             raise ValueError("inputs: a digitiser channel is used twice")
+        names = [s.name for s in self.signals]
+        if len(set(names)) != len(names):
+            raise ValueError("signals: a name stands twice")
         serials = [i.serial for i in self.inputs]
         if len(set(serials)) != len(serials):
             raise ValueError("inputs: a serial number stands twice")
@@ -237,3 +249,8 @@ class StationConfig(_Section):
                 problem = f"a {model} has no register that tells {fault.kind}"
                 raise ValueError(f"emulation.faults: {problem}")
         return self
+
+    @property
+    def signal_channels(self) -> dict[str, int]:
+        """The channels of recorded signals by the signal's name."""
+        return {s.name: s.channel for s in self.signals}

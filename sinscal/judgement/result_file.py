@@ -3,6 +3,7 @@
 JSON. Values are SI in the order of `names`; `result_id` is a digest of the content.
 """
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, TypeVar
 
@@ -10,6 +11,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from errormodel.arrays import FloatArray
+from errormodel.io.python_file import Source, check_source, sources_of
 from errormodel.io.signed import check_digest, content_digest, json_file_text, read_json
 from errormodel.io.toml import check
 from errormodel.terms import Description
@@ -68,6 +70,13 @@ class PriorValue(_Part):
     sigma: Sigma
 
 
+class LibraryFile(_Part):
+    """A file of the user's that groups or terms of the model come from."""
+
+    name: str
+    sha256: str
+
+
 class RunFacts(_Part):
     """The run it was made of."""
 
@@ -110,6 +119,7 @@ class ResultContent(_Part):
     protection: dict[str, Any] | None = None
     drift: tuple[dict[str, Any], ...] = ()
     not_tested: tuple[str, ...] = ()
+    library: tuple[LibraryFile, ...] = ()
     warnings: tuple[str, ...]
 
     @property
@@ -142,6 +152,8 @@ class RigResult(ResultContent):
     def _fits(self) -> Self:
         if self.format != FORMAT:
             raise ValueError(f"format must be {FORMAT}")
+        for part in self.library:
+            check_source(part.name, part.sha256, rig_library().sources)
         try:
             known = self.sensors.names
         except KeyError as err:
@@ -174,9 +186,22 @@ def make_result(judged: Judged, run: RigRun | NavRun) -> RigResult:
     """Make the result file of a calibration."""
     found = judged.found
     content = result_content(judged, run, rig_estimates(found))
+    groups = _groups(found.sensors)
     return signed(
-        RigResult(groups=_groups(found.sensors), steps=judged.steps, drifts=judged.terms, **content)
+        RigResult(
+            groups=groups,
+            steps=judged.steps,
+            drifts=judged.terms,
+            library=library_files(rig_library().sources, groups),
+            **content,
+        )
     )
+
+
+def library_files(sources: Sequence[Source], names: Sequence[str]) -> tuple[LibraryFile, ...]:
+    """Return the user's files that some groups or terms come from, as a result has them."""
+    found = sources_of(sources, names)
+    return tuple(LibraryFile(name=one.name, sha256=one.sha256) for one in found)
 
 
 def signed(result: R) -> R:
@@ -188,7 +213,7 @@ def result_digest(result: ResultContent) -> str:
     """Return the digest of a result's content."""
     content = result.model_dump(mode="json", exclude={"result_id"})
     # files made before these were known keep their digest
-    for later in ("protection", "drift", "drifts", "not_tested"):
+    for later in ("protection", "drift", "drifts", "not_tested", "library"):
         if not content.get(later):
             content.pop(later, None)
     return content_digest(content)

@@ -28,6 +28,8 @@ from sinscal.recording.run import AXES, rate_derivative
 T_REF_C = 25.0
 # A chamber's terms see temperature smoothed as in the chamber; a rig's temperature is smooth.
 RATE_WINDOW_S = 120.0
+# What a chamber's terms may use on a rig, beside the sensors' own signals.
+CHAMBER_SIGNALS = TEMPERATURES | {"a_i_g", "a_p_g", "a_o_g"}
 # What is not linear is 1e-3 of the motion at most: each step of the inverse leaves less of it.
 INVERSE_STEPS = 6
 LEFT = 1e-12  # m/s² of what is measured, where the inverse ends

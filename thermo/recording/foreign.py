@@ -282,6 +282,9 @@ def _readings(
         number["output"] = _counts(mine, one, mark) * mapping.factor(one)
     if mapping.chamber is not None:
         number["chamber_c"] = _celsius(mine, mapping.chamber, mark)
+    for name, column in mapping.signals.items():
+        with np.errstate(over="ignore"):
+            number[name] = mine.numbers(column.column, mark) * column.scale + column.offset
     for name in ("position_deg", *FORCES):
         given: Value | None = getattr(one, name)
         if isinstance(given, str):

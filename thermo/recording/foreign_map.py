@@ -19,6 +19,7 @@ from pydantic import (
 )
 
 from thermo.recording.files import Sidecar
+from thermo.recording.signals import recorded_signals
 
 Finite = Annotated[float, Field(allow_inf_nan=False, strict=True)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False, strict=True)]
@@ -152,6 +153,14 @@ class Temperature(Section):
     offset: Finite = 0.0
 
 
+class RecordedSignal(Section):
+    """A column of a recorded signal (`thermo.recording.signals`): scale · cell + offset."""
+
+    column: Column
+    scale: Finite = 1.0
+    offset: Finite = 0.0
+
+
 class Where(Section):
     """Rows in which a column equals a text, or a number."""
 
@@ -231,6 +240,7 @@ class LogMap(Section):
     time: TimeColumn
     temperature: Temperature | None = None
     chamber: Temperature | None = None
+    signals: dict[str, RecordedSignal] = {}
     run: Runs = Runs(id="1")
     accelerometers: Annotated[tuple[Accelerometer, ...], Field(min_length=1)]
     output: Output
@@ -240,6 +250,13 @@ class LogMap(Section):
 
     @model_validator(mode="after")
     def _check(self) -> "LogMap":
+        known = [one.name for one in recorded_signals()]
+        for name in self.signals:
+            if name not in known:
+                raise ValueError(
+                    f"signals: no signal {name!r}; expected some of {', '.join(known) or 'none'}; "
+                    "one of your own needs --library FILE"
+                )
         keys = [(a.serial, a.only) for a in self.accelerometers]
         if len(set(keys)) != len(keys):
             raise ValueError("accelerometers: a serial stands twice")

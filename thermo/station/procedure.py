@@ -198,7 +198,9 @@ class _Test:
     def _begin(self, identities: dict[str, str]) -> tuple[Session, RunSeries]:
         """Enter the test, or its resumption, into the store."""
         station, plan = self._station, self._plan
-        channels = scan_channels(inputs_of(plan.sequence, station.config))
+        channels = scan_channels(
+            inputs_of(plan.sequence, station.config), station.config.signal_channels
+        )
         station.digitiser.configure(channels, nplc=station.config.digitiser.nplc)
         if self._resumed:
             self._store.reopen_test(self._test_id)

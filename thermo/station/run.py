@@ -207,6 +207,7 @@ class Run:
             chamber_c=self._session.chamber_c,
             lateness_s=lateness_s,
             flags=flags,
+            signals=self._session.station.config.signal_channels,
         )
         self._session.journal.rows(rows)
         self._gap = False

@@ -229,7 +229,7 @@ def _make_or_check_tables(engine: sa.Engine, where: str) -> None:
                     f"{where}: schema version {version}, expected {schema.SCHEMA_VERSION}: "
                     "made by another version of this program; nothing was changed"
                 )
-            missing = set(schema.metadata.tables) - names
+            missing = set(schema.metadata.tables) - names - {schema.signals.name}
             if version < schema.SCHEMA_VERSION:
                 missing.discard(schema.schedule_marks.name)
             if missing:

@@ -18,17 +18,20 @@ from thermo.store.records import (
     ScheduleMark,
     TestRecord,
     TestSummary,
+    signal_values,
 )
 from thermo.store.schema import events as event_table
 from thermo.store.schema import readings as reading_table
 from thermo.store.schema import runs as run_table
 from thermo.store.schema import schedule_marks as mark_table
+from thermo.store.schema import signals as signal_table
 from thermo.store.schema import tests as test_table
 from thermo.store.schema import voided as voided_table
 
 PIECE = 1 << 16  # readings of a stream at a time: some 25 MB
 TEXTS = ("serial", "flag", "voided")
 _ATTEMPT = ("test_id", "run", "segment", "attempt")
+_READING = ("test_id", "run", "slot", "attempt", "serial")
 ROW = ("serial", "slot", "attempt", "segment", *QUANTITIES, "flag")
 
 
@@ -90,7 +93,39 @@ def has_readings(connection: sa.Connection, values: Sequence[Mapping[str, Any]])
         found = connection.execute(sa.select(reading_table).where(*where)).mappings().first()
         if found is None or any(found[name] != value[name] for name in names):
             return False
+        if "signals" in value and not _has_signals(connection, value):
+            return False
     return True
+
+
+def _has_signals(connection: sa.Connection, value: Mapping[str, Any]) -> bool:
+    """Tell whether a reading's signals are stored with the very values given."""
+    if not sa.inspect(connection).has_table(signal_table.name):
+        return False
+    given = signal_values(value)
+    key = [c.name for c in signal_table.primary_key.columns if c.name != "name"]
+    where = [signal_table.c[name] == value[name] for name in key]
+    query = sa.select(signal_table.c.name, signal_table.c.value).where(*where)
+    return {(r.name, r.value) for r in connection.execute(query)} == {
+        (one["name"], one["value"]) for one in given
+    }
+
+
+def insert_signals(connection: sa.Connection, values: Sequence[Mapping[str, Any]]) -> None:
+    """Add the signals of readings; a store made before there were any gets their table."""
+    rows = [one for value in values for one in signal_values(value)]
+    if rows:
+        signal_table.create(connection, checkfirst=True)
+        connection.execute(sa.insert(signal_table), rows)
+
+
+def signal_names(connection: sa.Connection, test_id: str) -> tuple[str, ...]:
+    """Return the names of a test's recorded signals."""
+    if not sa.inspect(connection).has_table(signal_table.name):
+        return ()
+    s = signal_table.c
+    query = sa.select(s.name).where(s.test_id == test_id).distinct().order_by(s.name)
+    return tuple(connection.execute(query).scalars())
 
 
 def need_open_attempt(
@@ -250,10 +285,11 @@ def readings(connection: sa.Connection, test_id: str, run: int | None) -> pd.Dat
     """Return readings as a table, in order of run, time and serial."""
     need_test(connection, test_id)
     r = reading_table.c
-    query = _readings_with_marks(test_id).order_by(r.run, r.time_s, r.serial)
+    names = signal_names(connection, test_id)
+    query = _readings_with_marks(test_id, names).order_by(r.run, r.time_s, r.serial)
     if run is not None:
         query = query.where(r.run == int(run))
-    return _frame(connection.execute(query).all())
+    return _frame(connection.execute(query).all(), names)
 
 
 def reading_pieces(
@@ -266,10 +302,11 @@ def reading_pieces(
     r = reading_table.c
     collation = "C" if connection.dialect.name == "postgresql" else "BINARY"
     order = (sa.collate(r.serial, collation), r.time_s) if by_serial else (r.time_s, r.serial)
-    query = _that_count(_readings_with_marks(test_id), serials).order_by(r.run, *order)
+    names = signal_names(connection, test_id)
+    query = _that_count(_readings_with_marks(test_id, names), serials).order_by(r.run, *order)
     streamed = connection.execution_options(stream_results=True, max_row_buffer=PIECE)
     for rows in streamed.execute(query).partitions(PIECE):
-        yield _frame(rows)
+        yield _frame(rows, names)
 
 
 def reading_counts(
@@ -289,17 +326,24 @@ def reading_counts(
     return [ReadingCount(*row) for row in connection.execute(_that_count(query, serials))]
 
 
-def _joined() -> sa.Join:
+def _joined(signals: Sequence[sa.FromClause] = (), names: Sequence[str] = ()) -> sa.Join:
     r, v = reading_table.c, voided_table.c
     same = (getattr(r, name) == getattr(v, name) for name in _ATTEMPT)
-    return reading_table.outerjoin(voided_table, sa.and_(*same))
+    joined = reading_table.outerjoin(voided_table, sa.and_(*same))
+    for one, name in zip(signals, names, strict=True):
+        same = [r[key] == one.c[key] for key in _READING]
+        joined = joined.outerjoin(one, sa.and_(*same, one.c.name == name))
+    return joined
 
 
-def _readings_with_marks(test_id: str) -> sa.Select[Any]:
+def _readings_with_marks(test_id: str, names: Sequence[str] = ()) -> sa.Select[Any]:
+    """Return the query of a test's readings, with the signals named as further columns."""
     r, v = reading_table.c, voided_table.c
     columns = (r[name] for name in ("run", *ROW))
-    query = sa.select(*columns, sa.func.coalesce(v.flag, "").label("voided"))
-    return query.select_from(_joined()).where(r.test_id == test_id)
+    signals = [signal_table.alias(f"signal_{k}") for k in range(len(names))]
+    values = (one.c.value.label(name) for one, name in zip(signals, names, strict=True))
+    query = sa.select(*columns, sa.func.coalesce(v.flag, "").label("voided"), *values)
+    return query.select_from(_joined(signals, names)).where(r.test_id == test_id)
 
 
 def _that_count(query: Any, serials: Sequence[str]) -> sa.Select[Any]:
@@ -307,9 +351,9 @@ def _that_count(query: Any, serials: Sequence[str]) -> sa.Select[Any]:
     return query.where(~marked, reading_table.c.serial.in_(list(serials)))
 
 
-def _frame(rows: Sequence[sa.Row[Any]]) -> pd.DataFrame:
-    names = ("run", *ROW, "voided")
+def _frame(rows: Sequence[sa.Row[Any]], signals: Sequence[str] = ()) -> pd.DataFrame:
+    names = ("run", *ROW, "voided", *signals)
     columns = dict(zip(names, zip(*rows, strict=True), strict=True)) if rows else {}
     kinds: dict[str, Any] = dict.fromkeys(names, np.int64)
-    kinds |= dict.fromkeys(QUANTITIES, np.float64) | dict.fromkeys(TEXTS, object)
+    kinds |= dict.fromkeys((*QUANTITIES, *signals), np.float64) | dict.fromkeys(TEXTS, object)
     return pd.DataFrame({n: np.array(columns.get(n, ()), dtype=kinds[n]) for n in names})

@@ -62,6 +62,21 @@ readings = sa.Table(
     sqlite_with_rowid=False,  # the key's order is the order of arrival: appended, not inserted
 )
 
+# signals recorded beside the quantities of every reading; a store that has none may lack it
+signals = sa.Table(
+    "signals",
+    metadata,
+    sa.Column("test_id", sa.String, primary_key=True),
+    sa.Column("run", sa.Integer, primary_key=True, autoincrement=False),
+    sa.Column("slot", sa.Integer, primary_key=True, autoincrement=False),
+    sa.Column("attempt", sa.Integer, primary_key=True, autoincrement=False),
+    sa.Column("serial", sa.String, primary_key=True),
+    sa.Column("name", sa.String, primary_key=True),
+    sa.Column("value", sa.Double, nullable=False),
+    sa.ForeignKeyConstraint(["test_id", "run"], ["runs.test_id", "runs.number"]),
+    sqlite_with_rowid=False,
+)
+
 voided = sa.Table(
     "voided",
     metadata,
@@ -102,7 +117,7 @@ schedule_marks = sa.Table(
     sa.Index("schedule_marks_of_run", "test_id", "run"),
 )
 
-_ADD_ONLY = ("readings", "voided", "events", "schedule_marks")
+_ADD_ONLY = ("readings", "signals", "voided", "events", "schedule_marks")
 
 
 def _guard(table: sa.Table) -> None:
@@ -114,7 +129,7 @@ def _guard(table: sa.Table) -> None:
         )
         event.listen(table, "after_create", trigger.execute_if(dialect="sqlite"))
     function = sa.DDL(
-        f"CREATE FUNCTION {table.name}_add_only() RETURNS trigger LANGUAGE plpgsql AS "
+        f"CREATE OR REPLACE FUNCTION {table.name}_add_only() RETURNS trigger LANGUAGE plpgsql AS "
         f"$$ BEGIN RAISE EXCEPTION '{refusal}'; END $$"
     )
     trigger = sa.DDL(

@@ -10,7 +10,8 @@ from errormodel.arrays import FloatArray
 from errormodel.model import ErrorModel
 from errormodel.record import Record
 from errormodel.terms import Memory
-from thermo.library.terms import term
+from thermo.library import term
+from thermo.recording.signals import Conditions, emulated_columns, signals_of
 from thermo.twin.assembly_stress import assembly_stress
 
 T_REF_C = 25.0
@@ -107,9 +108,8 @@ class AccelerometerState:
 
     def relive(self, time_s: FloatArray, inside_c: FloatArray) -> None:
         """Leave the memory as this past leaves it."""
-        x, none = inside_c - T_REF_C, np.zeros(time_s.size)
-        signals = dict.fromkeys(("a_i_g", "a_p_g", "a_o_g", "rate_c_per_min"), none)
-        record = Record(time_s=time_s, signals={**signals, "x_c": x, "x_slow_c": x})
+        none = np.zeros(time_s.size)
+        record = conditions_record(time_s, inside_c, none, angle_rad=np.nan, head_deg=0.0)
         _, self.memory = self.given.model.design(record, self.given.values, self.memory)
         self.passed.clear()
 
@@ -126,21 +126,7 @@ class AccelerometerState:
         now_s = max(now_s, self.last_s + 1e-6)  # a second question at the same instant
         path = [p for p in self.passed if p[0] < now_s] + [(now_s, inside_c, rate)]
         time_s, temp_c, rates = np.array(path).T
-        x, full = temp_c - T_REF_C, np.ones(time_s.size)
-        record = Record(
-            time_s=time_s,
-            signals={
-                "a_i_g": np.sin(angle_rad) * full,
-                "a_p_g": np.cos(angle_rad) * full,
-                "a_o_g": 0.0 * full,
-                "x_c": x,
-                "x_slow_c": x,
-                "rate_c_per_min": rates,
-                "elapsed_h": time_s / 3600.0,
-                "head_deg": head_deg * full,
-                "mounting": 0.0 * full,
-            },
-        )
+        record = conditions_record(time_s, temp_c, rates, angle_rad=angle_rad, head_deg=head_deg)
         output, self.memory = self.given.model.continue_simulation(
             record, self.given.values, self.memory
         )
@@ -151,6 +137,27 @@ class AccelerometerState:
         self.passed.clear()
         white_g = 1e-6 * self.given.white_ug * float(self.rng.standard_normal())
         return float(output[-1]) + self.drift_g + self.turn_on_g + white_g
+
+
+def conditions_record(
+    time_s: FloatArray, temp_c: FloatArray, rates: FloatArray, *, angle_rad: float, head_deg: float
+) -> Record:
+    """Return what acts on an accelerometer at some temperatures; without force at no angle."""
+    full = np.ones(time_s.size)
+    still = np.isnan(angle_rad)
+    a_i, a_p = (0.0, 0.0) if still else (np.sin(angle_rad), np.cos(angle_rad))
+    at = Conditions(
+        time_s=time_s,
+        run=np.zeros(time_s.size, dtype=np.intp),
+        temp_c=temp_c,
+        position_deg=head_deg * full,
+        force_g=(a_i * full, a_p * full, 0.0 * full),
+        elapsed_h=time_s / 3600.0,
+        t_ref_c=T_REF_C,
+        known_slow=(temp_c, rates),
+        known_mounting=0.0,
+    )
+    return Record(time_s=time_s, signals=signals_of(replace(at, columns=emulated_columns(at))))
 
 
 def newly_assembled(

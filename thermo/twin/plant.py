@@ -21,6 +21,7 @@ from thermo.twin.accelerometer import (
     MEMORY_STEP_S,
     AccelerometerState,
     EmulatedAccelerometer,
+    conditions_record,
     emulated_accelerometer,
     newly_assembled,
 )
@@ -89,6 +90,8 @@ class Twin:
         Of all noise.
     mount_deg : mapping, optional
         How far accelerometers are mounted turned on the head, °, by serial number.
+    signals : mapping, optional
+        Digitiser channels of recorded signals, by the signal's name.
 
     Raises
     ------
@@ -103,6 +106,7 @@ class Twin:
         settings: TwinSettings | None = None,
         seed: int = 1,
         mount_deg: Mapping[str, float] | None = None,
+        signals: Mapping[str, int] | None = None,
     ) -> None:
         missing = [i.serial for i in inputs if i.serial not in accelerometers]
         if missing:
@@ -122,6 +126,7 @@ class Twin:
         ]
         self._outputs = {i.output_channel: (k, i) for k, i in enumerate(inputs)}
         self._thermistors = {i.thermistor_channel: (k, i) for k, i in enumerate(inputs)}
+        self._signals = {channel: name for name, channel in (signals or {}).items()}
         self._taus = np.array([self._set.air_tau_s, self._set.case_tau_s, self._set.inside_tau_s])
         self._state = np.full(1 + 2 * len(inputs), self._set.start_c)
         self._setpoint = np.array([self._set.start_c, self._set.start_c, np.inf])
@@ -218,7 +223,18 @@ class Twin:
                 )
                 volts_per_unit = wired.load_ohm / 1000.0 if wired.output_unit == "mA" else 1.0
                 return output * self._units[k].given.nominal_scale * volts_per_unit
+            if channel in self._signals:
+                return self._signal(now_s, self._signals[channel])
             return 0.0
+
+    def _signal(self, now_s: float, name: str) -> float:
+        """Return a signal of the whole station as the air makes it; 0 where it is not known."""
+        air_c, now = self._state[:1].copy(), np.array([now_s])
+        record = conditions_record(
+            now, air_c, np.zeros(1), angle_rad=np.nan, head_deg=self.head_deg(now_s)
+        )
+        known = record.signals.get(name)
+        return 0.0 if known is None else float(known[0])
 
     def _inside(self, index: int) -> float:
         return float(self._state[1 + len(self._units) + index])
@@ -288,4 +304,4 @@ def make_plant(
     }
     if new_from_assembly:
         made = {s: newly_assembled(one, s, seed=seed) for s, one in made.items()}
-    return Twin(station.inputs, made, settings, seed, mount_deg)
+    return Twin(station.inputs, made, settings, seed, mount_deg, station.signal_channels)

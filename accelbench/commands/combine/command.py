@@ -11,6 +11,7 @@ from accelbench.joint.chambers import chamber_model, three_serials
 from accelbench.joint.combined import combine_and_judge
 from accelbench.joint.result_file import CombinedResult
 from accelbench.shell.console import emit
+from accelbench.shell.library import library_option
 from accelbench.shell.outputs import (
     REPORT_NAME,
     check_results,
@@ -51,6 +52,7 @@ FAILED = 1
 @click.option("--out", type=Path, help="RESULT.json to write: the compensation file for flight.")
 @click.option("--report", type=Path, help="Folder for the report and its figures.")
 @force_option
+@library_option()
 @json_option
 def combine(
     thermal: Path,

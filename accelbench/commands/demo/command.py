@@ -20,6 +20,7 @@ from accelbench.commands.run.command import exit_code
 from accelbench.commands.run.progress import watching
 from accelbench.commands.run.text import uniformity_document
 from accelbench.shell.console import emit
+from accelbench.shell.library import library_option
 from accelbench.shell.outputs import json_option
 from accelbench.shell.surroundings import current_shell
 from errormodel.errors import InputError
@@ -59,6 +60,7 @@ from thermo.twin.planted import plantable
     show_default=True,
     help="With --hidden: of the accelerometers, of who has it, and of all noise.",
 )
+@library_option()
 @json_option
 def demo(out: Path, hidden: str | None, speed: float | None, seed: int, as_json: bool) -> int:
     """Do the whole job on emulated instruments: test, fit, compensation, report.

@@ -9,6 +9,7 @@ from rich.console import RenderableType
 from accelbench.commands.fit.text import fit_document, fit_text
 from accelbench.shell.console import emit, micro_g, number, table
 from accelbench.shell.inputs import add_reading_counts, read_with_doubts, trust_option
+from accelbench.shell.library import library_option
 from accelbench.shell.outputs import (
     Results,
     check_results,
@@ -41,6 +42,7 @@ RUNS = click.argument("files", nargs=-1, required=True, metavar="RUN.csv…")
 @click.option("--map", "map_file", type=Path, required=True, help="What the log's columns are.")
 @click.option("--out", type=Path, required=True, help="The recorded run to write.")
 @force_option
+@library_option()
 @json_option
 def import_(file: Path, map_file: Path, out: Path, force: bool, as_json: bool) -> None:
     """Make a recorded run of somebody else's log.
@@ -64,6 +66,7 @@ def import_(file: Path, map_file: Path, out: Path, force: bool, as_json: bool) -
 @click.option("--report", type=Path, help="Folder for the report and its figures.")
 @trust_option
 @force_option
+@library_option()
 @json_option
 def fit(
     files: tuple[str, ...],
@@ -140,6 +143,7 @@ def _runs_and_ids(
 @click.option("--out", type=Path, required=True, help="The compensated recording to write.")
 @trust_option
 @force_option
+@library_option()
 @json_option
 def compensate(
     files: tuple[str, ...], model: Path, out: Path, trust_units: bool, force: bool, as_json: bool

@@ -9,6 +9,7 @@ from accelbench.commands.rig_calibrate.options import asked_groups, asked_limits
 from accelbench.commands.rig_calibrate.text import calibration_document, calibration_text
 from accelbench.joint.result_file import CombinedResult, read_calibration
 from accelbench.shell.console import emit
+from accelbench.shell.library import library_option
 from accelbench.shell.outputs import (
     Results,
     check_results,
@@ -83,6 +84,7 @@ def _held(ctx: click.Context, param: click.Parameter, value: str) -> Held:
 @click.option("--out", type=Path, help="RESULT.json to write.")
 @click.option("--report", type=Path, help="Folder for the report and its figures.")
 @force_option
+@library_option()
 @json_option
 def calibrate(
     files: tuple[Path, ...],
@@ -172,6 +174,7 @@ def _report(judged: Judged, run: RigRun | NavRun, result: RigResult) -> dict[str
 )
 @click.option("--out", type=Path, required=True, help="The compensated run to write.")
 @force_option
+@library_option()
 @json_option
 def compensate(file: Path, calibration: Path, out: Path, force: bool, as_json: bool) -> None:
     """Take the calibrated errors out of a rig run's readings.

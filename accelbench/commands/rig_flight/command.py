@@ -14,6 +14,7 @@ from accelbench.commands.rig_flight.text import (
     fly,
     read_calibrations,
 )
+from accelbench.shell.library import library_option
 from accelbench.shell.outputs import Results, check_results, force_option, json_option
 from sinscal.flight.covariance import FlightNoise
 from sinscal.flight.trajectory import FlightPlan
@@ -63,6 +64,7 @@ NOT_NEGATIVE = click.FloatRange(min=0.0)
 @click.option("--seed", type=click.IntRange(min=0), default=0, help="Of the Monte Carlo.")
 @click.option("--report", type=Path, help="Folder for the report and its figures.")
 @force_option
+@library_option()
 @json_option
 def flight(
     files: tuple[Path, ...], report: Path | None, force: bool, as_json: bool, **given: Any

@@ -18,6 +18,7 @@ from accelbench.commands.rig_plan.text import (
 from accelbench.joint.chambers import emulated_chamber, three_serials
 from accelbench.joint.result_file import told_truth
 from accelbench.shell.console import emit
+from accelbench.shell.library import library_option
 from accelbench.shell.outputs import (
     REPORT_NAME,
     check_results,
@@ -71,6 +72,7 @@ groups_option = click.option(
 @groups_option
 @priors_option
 @force_option
+@library_option()
 @json_option
 def simulate(
     programme: Path,
@@ -177,6 +179,7 @@ def _read_errors(path: Path) -> dict[str, float]:
 @priors_option
 @click.option("--report", type=Path, help="Folder for the report and its figures.")
 @force_option
+@library_option()
 @json_option
 def covariance(
     programme: Path | None,

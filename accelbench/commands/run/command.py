@@ -14,18 +14,22 @@ from accelbench.commands.run.progress import watching
 from accelbench.commands.run.store_commands import store_option
 from accelbench.commands.run.text import Afterwards, run_document, run_text
 from accelbench.shell.console import emit
+from accelbench.shell.library import library_option
 from accelbench.shell.outputs import checked_run_output, force_option, json_option, prove_writable
 from accelbench.shell.surroundings import current_shell
 from drivers.clock import Clock, ScaledClock, SteppedClock
 from drivers.errors import InstrumentError
 from errormodel.errors import InputError, WorkbenchError
+from thermo.fitting.terms_wanted import TermsFile, read_terms
 from thermo.launch.emulated import run_emulated
 from thermo.launch.real import load_station, run_on_station
+from thermo.planning.sequence import Sequence as TestSequence
 from thermo.planning.sequence import load_sequence
 from thermo.planning.text import mounting_lines
 from thermo.run_in.verdict import RunInVerdict
 from thermo.station.job import Job, make_job, make_resumed_job
 from thermo.station.observers.live import LiveEstimate
+from thermo.station.observers.live_model import LIVE_TERMS
 from thermo.station.outcome import Observer, TestOutcome
 from thermo.station.run_in import judge_stored
 from thermo.station.uniformity import RampVerdict, judge_test
@@ -47,12 +51,14 @@ DONE, FAILED = 0, 1
 )
 @click.option("--dry-run", is_flag=True, help="Print the plan and do nothing.")
 @click.option("--out", type=Path, help="Write the recorded run here when it is done.")
+@click.option("--model", type=Path, help="TERMS.toml: the terms of the live estimate.")
 @click.option(
     "--speed",
     type=click.FloatRange(min=0, min_open=True),
     help="Multiple of real time, for emulated instruments only; as fast as can be if not given.",
 )
 @force_option
+@library_option()
 @json_option
 def run(
     sequence: Path | None,
@@ -62,6 +68,7 @@ def run(
     take_over: bool,
     dry_run: bool,
     out: Path | None,
+    model: Path | None,
     speed: float | None,
     force: bool,
     as_json: bool,
@@ -77,7 +84,7 @@ def run(
     shell = current_shell()
     if not dry_run:
         shell.terminal.detach()
-    inputs = [p for p in (sequence, station) if p is not None]
+    inputs = [p for p in (sequence, station, model) if p is not None]
     if out is not None:
         checked_run_output(out, inputs, force=force)
     job = _job(sequence, station, store, resume)
@@ -89,10 +96,7 @@ def run(
     _check_store(store)
     for line in mounting_lines(job.sequence):
         click.echo(f"mounting: {line}", err=True)
-    live = LiveEstimate(
-        {a.serial: a.nominal_scale for a in job.sequence.accelerometers},
-        mount_deg={a.serial: a.mount_deg for a in job.sequence.accelerometers},
-    )
+    live = live_estimate(job.sequence, model)
     shell.late_signals.install()
     with watching(job.plan.total_s, live) as watch:
         outcome = _run(job, clock, watch.observers, take_over=take_over)
@@ -103,6 +107,27 @@ def run(
     if after.problems or not after.all_settled:
         return FAILED
     return exit_code(outcome, after.verdicts)
+
+
+def live_estimate(sequence: TestSequence, path: Path | None) -> LiveEstimate:
+    """Return the live estimate of a test, by the terms of a TERMS.toml where one is given.
+
+    Raises
+    ------
+    InputError
+        If the terms are none of the library or cannot be estimated live.
+    """
+    given = read_terms(path) if path is not None else TermsFile()
+    try:
+        return LiveEstimate(
+            {a.serial: a.nominal_scale for a in sequence.accelerometers},
+            mount_deg={a.serial: a.mount_deg for a in sequence.accelerometers},
+            terms=given.terms or LIVE_TERMS,
+            start=given.start,
+            t_ref_c=given.t_ref_c,
+        )
+    except ValueError as err:
+        raise InputError(path or "the live estimate", "terms", str(err)) from None
 
 
 def exit_code(outcome: TestOutcome, verdicts: Sequence[RampVerdict]) -> int:

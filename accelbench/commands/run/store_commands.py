@@ -11,6 +11,7 @@ import click
 from rich.text import Text
 
 from accelbench.shell.console import emit, table
+from accelbench.shell.library import library_option
 from accelbench.shell.outputs import checked_run_output, force_option, json_option
 from accelbench.shell.recording_text import recording_document, recording_text
 from drivers.clock import ScaledClock
@@ -85,6 +86,7 @@ def runs(store: str, as_json: bool) -> None:
 @store_option
 @click.option("--out", type=Path, required=True, help="The recorded run to write.")
 @force_option
+@library_option()
 @json_option
 def export(test_id: str, store: str, out: Path, force: bool, as_json: bool) -> None:
     """Write a test of a store as a recorded run.
@@ -103,6 +105,7 @@ def export(test_id: str, store: str, out: Path, force: bool, as_json: bool) -> N
 @click.command()
 @click.argument("station", type=Path, metavar="STATION.toml")
 @click.option("--speed", type=click.FloatRange(min=0, min_open=True), help="Multiple of real time.")
+@library_option()
 @json_option
 def emulate(station: Path, speed: float | None, as_json: bool) -> None:
     """Serve the instruments of a station file until stopped.

@@ -16,6 +16,7 @@ from accelbench.commands.run_in.text import (
 )
 from accelbench.shell.console import emit
 from accelbench.shell.inputs import add_reading_counts, read_with_doubts, trust_option
+from accelbench.shell.library import library_option
 from accelbench.shell.outputs import REPORT_NAME, check_results, force_option, json_option
 from errormodel.errors import InputError
 from errormodel.io.atomic import write_files
@@ -52,6 +53,7 @@ DEFAULTS = {"k0_limit_ug": 15.0, "k1_limit_ppm": 15.0, "confidence": 0.95, "t_re
 @click.option("--report", type=Path, help="Folder for the report and its figures.")
 @trust_option
 @force_option
+@library_option()
 @json_option
 def runin(
     files: tuple[str, ...],

@@ -7,6 +7,7 @@ import click
 from accelbench.commands.stability.document import stability_document
 from accelbench.commands.stability.text import stability_text
 from accelbench.shell.inputs import add_reading_counts, read_with_doubts, trust_option
+from accelbench.shell.library import library_option
 from accelbench.shell.outputs import Results, check_results, force_option, json_option
 from errormodel.errors import InputError, NotSeparableError
 from thermo.fitting.fit import TermsFile, read_terms
@@ -30,6 +31,7 @@ from thermo.store.files import open_existing_store, stored_runs
 @click.option("--report", type=Path, help="Folder for the report and its figures.")
 @trust_option
 @force_option
+@library_option()
 @json_option
 def stability(
     files: tuple[str, ...],

@@ -76,7 +76,10 @@ def apply(store: Store, operation: Operation, *, again: bool) -> Any:
     if operation.call != "append":
         return getattr(Store, operation.call)(store, **arguments)
     values = arguments.pop("values")
-    rows = [ReadingRow(**{name: value[name] for name in _ROW}) for value in values]
+    rows = [
+        ReadingRow(**{name: value[name] for name in _ROW}, signals=value.get("signals", {}))
+        for value in values
+    ]
     try:
         Store.append(store, **arguments, rows=rows)
     except StoreAwayError:
