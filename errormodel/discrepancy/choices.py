@@ -6,10 +6,9 @@ from typing import Protocol
 
 import numpy as np
 
-from errormodel.discrepancy.floor import NoiseFloor
 from errormodel.discrepancy.problem import Problem, Theta
 from errormodel.discrepancy.scan import Found
-from errormodel.noise.shapes import NoiseShape
+from errormodel.noise.model import NoiseFit, NoiseModel
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -78,7 +77,7 @@ class Choice:
 class Source(Protocol):
     """What makes the engine's problem of a model with some effects added."""
 
-    def problem(self, chosen: Sequence[Choice], shape: NoiseShape) -> Problem:
+    def problem(self, chosen: Sequence[Choice], noise: NoiseModel) -> Problem:
         """Return the problem of the enlarged model, refitted under a noise."""
         ...
 
@@ -92,9 +91,9 @@ class LinearSource:
 
     start: Problem
 
-    def problem(self, chosen: Sequence[Choice], shape: NoiseShape) -> Problem:
+    def problem(self, chosen: Sequence[Choice], noise: NoiseModel) -> Problem:
         """Return the problem with the chosen effects' columns in the baseline."""
-        del shape
+        del noise
         by_name = {c.name: c for c in self.start.candidates}
         added = [by_name[c.name].signature(c.theta).columns for c in chosen]
         names = {c.name for c in chosen}
@@ -106,7 +105,6 @@ class LinearSource:
             saturated=np.hstack([self.start.saturated, *added]),
             factors=self.start.factors,
             noise=self.start.noise,
-            sigma=self.start.sigma,
             events=self.start.events,
         )
 
@@ -142,7 +140,7 @@ class SearchResult:
     Attributes
     ----------
     slots : tuple of Slot
-    floor : NoiseFloor
+    floor : NoiseFit
         The noise the last steps were judged by.
     explained : float
         Chi-square that the effects explain together.
@@ -156,7 +154,7 @@ class SearchResult:
     """
 
     slots: tuple[Slot, ...]
-    floor: NoiseFloor
+    floor: NoiseFit
     explained: float
     over_wander: float = float("inf")
     first: tuple[Found, ...] = field(default=())

@@ -14,11 +14,13 @@ import numpy as np
 
 from errormodel.arrays import FloatArray
 from errormodel.discrepancy.events import event_ratios, shapes_allowed
-from errormodel.discrepancy.floor import PENALTY, NoiseFloor, Restricted
 from errormodel.discrepancy.problem import Problem
 from errormodel.discrepancy.scale import Scales
 from errormodel.discrepancy.scan import Prepared, View
-from errormodel.noise.shapes import NoiseShape, TimeBase
+from errormodel.noise.floor import PENALTY
+from errormodel.noise.likelihood import RestrictedLikelihood
+from errormodel.noise.model import NoiseFit, NoiseModel
+from errormodel.noise.whitening import TimeBase
 
 TAIL_SHARE = 0.2
 TAIL_MOST = 100  # draws: an exponential's scale is then known to a tenth
@@ -61,7 +63,7 @@ class Calibration:
     ----------
     gains : mapping of str to NullLaw
         Of each candidate's gain; of an effect that does not repeat, its likelihood ratio.
-    shapes : tuple of NoiseShape
+    shapes : tuple of NoiseModel
         Over which those likelihoods are maximised.
     least : mapping of bool to NullLaw
         Of −ln of the smallest p-value over the events, and over the candidates that repeat.
@@ -74,7 +76,7 @@ class Calibration:
     """
 
     gains: dict[str, NullLaw]
-    shapes: tuple[NoiseShape, ...]
+    shapes: tuple[NoiseModel, ...]
     least: dict[bool, NullLaw]
     events: frozenset[str]
     factors: dict[str, NullLaw]
@@ -96,7 +98,7 @@ class Calibration:
 
 
 def draw_noise(
-    times: TimeBase, floor: NoiseFloor, count: int, rng: np.random.Generator
+    times: TimeBase, floor: NoiseFit, count: int, rng: np.random.Generator
 ) -> FloatArray:
     """Draw noise of all shapes the data allow, shape (n, count), in units of the white sigma."""
     weights = np.array([w for w, _ in floor.support])
@@ -111,7 +113,7 @@ def draw_noise(
 
 def calibrate(
     problem: Problem,
-    floor: NoiseFloor,
+    floor: NoiseFit,
     *,
     draws: int,
     rng: np.random.Generator,
@@ -122,7 +124,7 @@ def calibrate(
     Parameters
     ----------
     problem : Problem
-    floor : NoiseFloor
+    floor : NoiseFit
         Of the measured residual.
     draws : int
     rng : numpy.random.Generator
@@ -146,7 +148,7 @@ def calibrate(
 
 
 def _null_values(
-    problem: Problem, floor: NoiseFloor, noise: FloatArray, pool: Executor
+    problem: Problem, floor: NoiseFit, noise: FloatArray, pool: Executor
 ) -> tuple[FloatArray, FloatArray]:
     """Return the gains of candidates and of factors, one column a draw.
 
@@ -158,11 +160,11 @@ def _null_values(
     gains = np.empty((len(problem.candidates), draws))
     factors = np.empty((len(problem.factors), draws))
 
-    def judge_by(shape: NoiseShape) -> None:
+    def judge_by(shape: NoiseModel) -> None:
         mine = np.flatnonzero([s == shape for s in shapes])
-        view = View(problem, shape, 1.0)
+        view = View(problem, shape)
         # a lag's own offset is in units of the residual; the draws are in those of its sigma
-        prepared = Prepared(View(problem, shape, floor.sigma), problem.candidates)
+        prepared = Prepared(View(problem, shape.scaled(floor.noise.white)), problem.candidates)
         for first in range(0, mine.size, PART):
             part = mine[first : first + PART]
             data = view.white(noise[:, part]) / sigmas[part]
@@ -174,7 +176,7 @@ def _null_values(
     return gains, factors
 
 
-def _shapes_of_events(problem: Problem, floor: NoiseFloor) -> tuple[NoiseShape, ...]:
+def _shapes_of_events(problem: Problem, floor: NoiseFit) -> tuple[NoiseModel, ...]:
     """Return the noise shapes that events are judged under; none where there are no events."""
     if problem.noise is not None or not any(c.event for c in problem.candidates):
         return ()
@@ -182,14 +184,14 @@ def _shapes_of_events(problem: Problem, floor: NoiseFloor) -> tuple[NoiseShape, 
 
 
 def _estimated(
-    problem: Problem, floor: NoiseFloor, noise: FloatArray
-) -> tuple[list[NoiseShape], FloatArray]:
+    problem: Problem, floor: NoiseFit, noise: FloatArray
+) -> tuple[list[NoiseModel], FloatArray]:
     """Return the shape and the white sigma that each draw would be judged by."""
     if problem.noise is not None:
         known: FloatArray = np.ones(int(noise.shape[1]))
         return [problem.noise] * known.size, known
-    judge = Restricted(problem.times, problem.saturated)
-    shapes = [s for _, s in floor.support]
+    judge = RestrictedLikelihood(problem.times, problem.saturated)
+    shapes = [s.shape for _, s in floor.support]
     judged = [judge.evaluate(s, noise) for s in shapes]
     likelihoods = [j[0] - PENALTY[s.family] for s, j in zip(shapes, judged, strict=True)]
     best: list[int] = np.argmax(np.array(likelihoods), axis=0).tolist()
@@ -198,7 +200,7 @@ def _estimated(
 
 
 def _laws(
-    problem: Problem, gains: FloatArray, factors: FloatArray, shapes: tuple[NoiseShape, ...]
+    problem: Problem, gains: FloatArray, factors: FloatArray, shapes: tuple[NoiseModel, ...]
 ) -> Calibration:
     laws = {c.name: NullLaw(g) for c, g in zip(problem.candidates, gains, strict=True)}
     factor_laws = {f.name: NullLaw(g) for f, g in zip(problem.factors, factors, strict=True)}

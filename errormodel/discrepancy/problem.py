@@ -2,7 +2,7 @@
 
 The engine knows no physics. A chamber run gives it the residual of its present model and lets it
 find the colour of the noise. A filter gives it its innovations, which are white already and have
-the baseline projected out, with `noise=NoiseShape()` and `sigma=1` given and `base` empty; a
+the baseline projected out, with `noise=NoiseModel()` given and `base` empty; a
 candidate's signature is then what the filter's own gains make of the effect (Willsky and Jones
 1976). Everything after that is the same regression.
 """
@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from errormodel.arrays import FloatArray
-from errormodel.noise.shapes import NoiseShape, TimeBase
+from errormodel.noise.model import NoiseModel
+from errormodel.noise.whitening import TimeBase
 
 Theta = tuple[float, ...]
 
@@ -104,8 +105,8 @@ class Problem:
     saturated : ndarray, shape (n, m)
         Everything that would repeat in a new run, for the noise to be judged beside.
     factors : tuple of Factor
-    noise, sigma : NoiseShape, float, optional
-        When they are known.
+    noise : NoiseModel, optional
+        When it is known; white, of unit sigma.
     events : frozenset of str
         Names of effects that a new run would not repeat.
     bounded : ndarray of bool, shape (n,), optional
@@ -121,8 +122,7 @@ class Problem:
     candidates: tuple[Candidate, ...]
     saturated: FloatArray
     factors: tuple[Factor, ...] = ()
-    noise: NoiseShape | None = None
-    sigma: float | None = None
+    noise: NoiseModel | None = None
     events: frozenset[str] = frozenset()
     bounded: NDArray[np.bool_] | None = None
     scaled: tuple[NDArray[np.bool_], ...] = ()
@@ -132,19 +132,3 @@ class Problem:
         for name in ("residual", "base", "saturated"):
             if getattr(self, name).shape[0] != n:
                 raise ValueError(f"{name} has {getattr(self, name).shape[0]} rows, expected {n}")
-
-
-def independent(columns: FloatArray, share: float = 1e-6) -> FloatArray:
-    """Return an orthonormal basis of the columns' span, shape (n, rank).
-
-    Columns are brought to unit length first; directions below `share` of the largest are dropped.
-    """
-    norms = np.linalg.norm(columns, axis=0)
-    scaled = columns[:, norms > 0] / norms[norms > 0]
-    if scaled.shape[1] == 0:
-        return np.zeros((columns.shape[0], 0))
-    values, vectors = np.linalg.eigh(scaled.T @ scaled)
-    kept = values > max(share, 1e-11) * values[-1]
-    basis = scaled @ (vectors[:, kept] / np.sqrt(values[kept]))
-    # rounding leaves the columns this much short of orthonormal: 1e-10 at the least share but one
-    return basis if share >= 1e-6 else np.linalg.qr(basis)[0]

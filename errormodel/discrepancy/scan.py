@@ -7,8 +7,10 @@ import numpy as np
 from scipy import optimize
 
 from errormodel.arrays import FloatArray
-from errormodel.discrepancy.problem import Candidate, Factor, Problem, Signature, Theta, independent
-from errormodel.noise.shapes import NoiseShape, Whitener
+from errormodel.discrepancy.problem import Candidate, Factor, Problem, Signature, Theta
+from errormodel.linear import independent
+from errormodel.noise.model import NoiseModel
+from errormodel.noise.whitening import Whitener
 
 # What is left of a column beside the others, as a share of its length, when it counts as nothing.
 NOTHING = 2e-3
@@ -30,18 +32,18 @@ class Point:
 
 
 class View:
-    """A problem under one noise: everything whitened by it, in units of its sigma."""
+    """A problem under one noise: everything whitened by it, in units of its white sigma."""
 
-    def __init__(self, problem: Problem, shape: NoiseShape, sigma: float) -> None:
+    def __init__(self, problem: Problem, noise: NoiseModel) -> None:
         self.problem = problem
-        self.shape, self.sigma = shape, sigma
-        self.whitener: Whitener = shape.whitener(problem.times)
+        self.noise = noise
+        self.whitener: Whitener = noise.whitener(problem.times)
         self.base = independent(self.white(problem.base))
         self.data = self.white(problem.residual)
 
     def white(self, columns: FloatArray) -> FloatArray:
         """Return columns whitened."""
-        return self.whitener.whiten(columns) / self.sigma
+        return self.whitener.whiten(columns) / self.noise.white
 
     def beside_base(self, white: FloatArray) -> FloatArray:
         """Return whitened columns with the baseline projected out."""

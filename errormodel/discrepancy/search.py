@@ -7,7 +7,6 @@ import numpy as np
 
 from errormodel.discrepancy.choices import Choice, Rules, SearchResult, Slot, Source
 from errormodel.discrepancy.events import event_ratios, events_of, fixed, placed
-from errormodel.discrepancy.floor import NoiseFloor, estimate_floor
 from errormodel.discrepancy.nulls import Calibration
 from errormodel.discrepancy.pairs import best_pair
 from errormodel.discrepancy.problem import Problem
@@ -21,10 +20,11 @@ from errormodel.discrepancy.ranking import (
 )
 from errormodel.discrepancy.scan import Found, Prepared, View
 from errormodel.discrepancy.wander import over_wander
-from errormodel.noise.shapes import NoiseShape
+from errormodel.noise.floor import estimate_floor
+from errormodel.noise.model import NoiseFit, NoiseModel
 
 # Simulates the null laws anew once the noise has been estimated beside an event.
-Recalibrate = Callable[[Problem, NoiseFloor], Calibration]
+Recalibrate = Callable[[Problem, NoiseFit], Calibration]
 
 
 class Search:
@@ -33,7 +33,7 @@ class Search:
     def __init__(
         self,
         source: Source,
-        floor: NoiseFloor,
+        floor: NoiseFit,
         laws: Calibration,
         rules: Rules | None = None,
         again: Recalibrate | None = None,
@@ -45,12 +45,11 @@ class Search:
         self.start = tuple(start)  # effects that the search begins with
         self._entered: dict[str, float] = {}
         self._instead: dict[str, tuple[str, ...]] = {}  # two effects that explain more than one
-        self._shapes: tuple[NoiseShape, ...] = laws.shapes
+        self._shapes: tuple[NoiseModel, ...] = laws.shapes
 
     def view(self, chosen: Sequence[Choice]) -> View:
         """Return the refitted problem under the present noise."""
-        problem = self.source.problem(chosen, self.floor.shape)
-        return View(problem, self.floor.shape, self.floor.sigma)
+        return View(self.source.problem(chosen, self.floor.noise), self.floor.noise)
 
     def chosen(self) -> tuple[Choice, ...]:
         """Add effects while they are significant."""
@@ -242,12 +241,12 @@ class Search:
 
     def _renew_floor(self, chosen: Sequence[Choice]) -> None:
         """Estimate the noise beside the effects chosen, and its null laws with it."""
-        problem = self.source.problem(chosen, self.floor.shape)
+        problem = self.source.problem(chosen, self.floor.noise)
         if problem.noise is not None:
             return
         self.floor = estimate_floor(problem.times, problem.residual, problem.saturated)
         if self._again is not None:
-            laws = self._again(self.source.problem(chosen, self.floor.shape), self.floor)
+            laws = self._again(self.source.problem(chosen, self.floor.noise), self.floor)
             self.laws = replace(laws, gains={**self.laws.gains, **laws.gains})
             self._shapes = tuple(dict.fromkeys((*self._shapes, *laws.shapes)))
 

@@ -13,17 +13,17 @@ import numpy as np
 
 from errormodel.arrays import FloatArray
 from errormodel.discrepancy.choices import Choice, Rules, SearchResult, Slot, Source
-from errormodel.discrepancy.floor import NoiseFloor
 from errormodel.discrepancy.nulls import Calibration
-from errormodel.discrepancy.problem import independent
 from errormodel.discrepancy.ranking import chi_square, unknowns_of
 from errormodel.discrepancy.scan import View
 from errormodel.discrepancy.search import Recalibrate, Search
+from errormodel.linear import independent
+from errormodel.noise.model import NoiseFit
 
 
 def search_all(
     source: Source,
-    floor: NoiseFloor,
+    floor: NoiseFit,
     laws: Calibration,
     rules: Rules,
     again: Recalibrate | None = None,
@@ -93,11 +93,11 @@ def _explained(view: View, bases: Sequence[FloatArray]) -> float:
     return float(np.sum((independent(np.hstack(bases)).T @ view.data) ** 2))
 
 
-def _price(source: Source, floor: NoiseFloor, rules: Rules, result: SearchResult) -> float:
+def _price(source: Source, floor: NoiseFit, rules: Rules, result: SearchResult) -> float:
     """Return the chi-square left under the first noise, with what unknowns and names cost."""
     choices = [s.choice for s in result.slots]
-    left = chi_square(View(source.problem(choices, floor.shape), floor.shape, floor.sigma))
-    known = {c.name: c for c in source.problem((), floor.shape).candidates}
+    left = chi_square(View(source.problem(choices, floor.noise), floor.noise))
+    known = {c.name: c for c in source.problem((), floor.noise).candidates}
     unknowns = 0
     for choice in choices:
         candidate = known[choice.name]

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from errormodel.arrays import FloatArray
 from errormodel.filter.kalman import Innovation, State, initial_state, propagate, update
-from errormodel.noise.drift import NoiseModel
+from errormodel.noise.model import NoiseModel
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

@@ -6,14 +6,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from errormodel.discrepancy.choices import Choice, Rules, SearchResult, Slot
-from errormodel.discrepancy.floor import NoiseFloor
 from errormodel.discrepancy.foresight import NAMEABLE_D, foresee
 from errormodel.discrepancy.gate import Conclusion, FactorFinding, Judgement, judge, locate
 from errormodel.discrepancy.nulls import Calibration
 from errormodel.discrepancy.nulls import calibrate as simulate_nulls
 from errormodel.discrepancy.scan import View
 from errormodel.discrepancy.search import Search
-from errormodel.noise.shapes import NoiseShape
+from errormodel.noise.model import NoiseModel, given_noise
 from sinscal.calibration.noise import noise_of_run
 from sinscal.calibration.rig import Mode
 from sinscal.discrepancy.drift import against_drift
@@ -153,8 +152,8 @@ def find_rig_discrepancy(
     noise, measured = measured_noise(source)
     tell("again with the noise that the run shows")
     source = source.with_noise(noise)
-    problem = source.problem((), NoiseShape())
-    floor = NoiseFloor(shape=NoiseShape(), sigma=1.0, support=((1.0, NoiseShape()),))
+    problem = source.problem((), NoiseModel())
+    floor = given_noise(NoiseModel())
     draws = min(draws, max(LEAST_DRAWS, MOST_NUMBERS // problem.residual.size))
     tell(f"{draws} simulated nulls")
     laws = simulate_nulls(problem, floor, draws=draws, rng=np.random.default_rng(seed))

@@ -16,8 +16,8 @@ from scipy import linalg
 
 from errormodel.arrays import FloatArray
 from errormodel.discrepancy.choices import Choice
-from errormodel.discrepancy.problem import independent
 from errormodel.discrepancy.search import Search
+from errormodel.linear import independent
 from sinscal.discrepancy.source import RigSource
 from sinscal.model.effects import BY_NAME
 from sinscal.recording.run import BoolArray

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from errormodel.discrepancy.scale import Scales
-from errormodel.noise.shapes import NoiseShape
+from errormodel.noise.model import NoiseModel
 from sinscal.calibration.noise import Density, gyro_density
 from sinscal.discrepancy.source import RigSource
 from sinscal.filter.data import RigNoise
@@ -62,7 +62,7 @@ def measured_noise(source: RigSource) -> tuple[RigNoise, tuple[MeasuredNoise, ..
     measured : tuple of MeasuredNoise
     """
     before, facts = source.noise, source.run.facts
-    problem = source.problem((), NoiseShape())
+    problem = source.problem((), NoiseModel())
     scales = Scales(problem)
     accel, *angle = (
         (float(s), float(s / np.sqrt(2.0 * n)))

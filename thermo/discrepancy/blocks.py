@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from errormodel.arrays import FloatArray, IntArray
-from errormodel.noise.shapes import TimeBase
+from errormodel.noise.whitening import TimeBase
 from thermo.recording.channel import Channel
 
 BLOCK_S = 60.0

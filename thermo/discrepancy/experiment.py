@@ -11,12 +11,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from errormodel.discrepancy.choices import Choice, SearchResult
-from errormodel.discrepancy.floor import NoiseFloor
 from errormodel.discrepancy.gate import Judgement
 from errormodel.discrepancy.pairs import POINTS
 from errormodel.discrepancy.problem import Signature, Theta, columns_of
 from errormodel.discrepancy.scan import Prepared, View
 from errormodel.errors import InputError
+from errormodel.noise.model import NoiseFit
 from thermo.discrepancy.experiment_menu import Item, menu
 from thermo.discrepancy.source import Fitted, ThermalSource
 from thermo.planning.default_station import default_station
@@ -75,7 +75,7 @@ def propose(
     result: SearchResult,
     verdict: Judgement,
     invisible: tuple[str, ...],
-    floor: NoiseFloor,
+    floor: NoiseFit,
 ) -> Experiment | None:
     """Propose what would tell an alias set apart, or show what these runs cannot.
 
@@ -85,7 +85,7 @@ def propose(
     result : SearchResult
     verdict : Judgement
     invisible : tuple of str
-    floor : NoiseFloor
+    floor : NoiseFit
 
     Returns
     -------
@@ -107,18 +107,18 @@ def propose(
 
 
 def propose_separation(
-    source: ThermalSource, floor: NoiseFloor, choice: Choice, rivals: Many[str]
+    source: ThermalSource, floor: NoiseFit, choice: Choice, rivals: Many[str]
 ) -> Experiment:
     """Propose what would tell one effect, at the size it has in these runs, from others.
 
     Parameters
     ----------
     source : ThermalSource
-    floor : NoiseFloor
+    floor : NoiseFit
     choice : Choice
     rivals : sequence of str
     """
-    found = source.fitted([choice], floor.shape)
+    found = source.fitted([choice], floor.noise)
     return _Experiments(source, floor).separating(choice.name, (choice.name, *rivals), found)
 
 
@@ -136,7 +136,7 @@ def _thinned(grid: Many[Theta]) -> Many[Theta]:
 class _Experiments:
     """The menu, planned once."""
 
-    def __init__(self, source: ThermalSource, floor: NoiseFloor) -> None:
+    def __init__(self, source: ThermalSource, floor: NoiseFit) -> None:
         self.source, self.floor = source, floor
         channel = source.channel
         self.t_ref_c = float(channel.temp_c[0] - channel.record["x_c"][0])
@@ -231,9 +231,9 @@ class _Experiments:
         part = ThermalSource(channel, mounted(self.source.model, channel), self.source.effects)
         # the white part is that of a usual block, which may hold more readings now
         more = part.blocks.usual / self.source.blocks.usual
-        variance = tuple(more * v for v in self.floor.shape.variance)
-        shape = replace(self.floor.shape, variance=variance, continued=False)
-        return View(part.outline(shape), shape, self.floor.sigma / float(np.sqrt(more)))
+        given = self.floor.noise
+        noise = replace(given, white=given.white / float(np.sqrt(more)), continued=False)
+        return View(part.outline(noise), noise)
 
     def _distance(self, channel: Channel, name: str, rivals: Many[str]) -> float:
         """Return how far the nearest rival stays from an effect that was simulated.

@@ -4,7 +4,8 @@ import numpy as np
 from scipy.interpolate import BSpline
 
 from errormodel.arrays import FloatArray, IntArray
-from errormodel.discrepancy.problem import Factor, independent
+from errormodel.discrepancy.problem import Factor
+from errormodel.linear import independent
 from thermo.discrepancy.blocks import Blocks
 from thermo.recording.channel import HOLD, Channel
 

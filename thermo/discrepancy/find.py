@@ -12,11 +12,11 @@ from typing import Literal
 import numpy as np
 
 from errormodel.discrepancy.choices import Rules, SearchResult
-from errormodel.discrepancy.floor import NoiseFloor
 from errormodel.discrepancy.foresight import Foresight
 from errormodel.discrepancy.gate import Conclusion, FactorFinding, Judgement, judge, locate
 from errormodel.discrepancy.nulls import Calibration
 from errormodel.model import ErrorModel
+from errormodel.noise.model import NoiseFit
 from thermo.discrepancy.baseline import bare_baseline, fitted_baseline
 from thermo.discrepancy.experiment import Experiment, propose
 from thermo.discrepancy.floor import floor_ug
@@ -49,7 +49,7 @@ class Discrepancy(Conclusion):
     source : ThermalSource
     laws : Calibration
     foresight : Foresight
-    floor : NoiseFloor
+    floor : NoiseFit
     before, after : Fitted
         The present model and the enlarged one, fitted under the noise found: parameters, sigmas.
     plain_before, plain_after : Fitted
@@ -76,7 +76,7 @@ class Discrepancy(Conclusion):
     laws: Calibration
     foresight: Foresight
     invisible: tuple[str, ...]
-    floor: NoiseFloor
+    floor: NoiseFit
     before: Fitted
     after: Fitted
     plain_before: Fitted
@@ -183,7 +183,7 @@ def _concluded(
     source, search, result = one.source, one.search, one.result
     laws, floor = search.laws, result.floor
     choices = tuple(s.choice for s in result.slots) if _stands(verdict) else ()
-    before, after = source.fitted((), floor.shape), source.fitted(choices, floor.shape)
+    before, after = source.fitted((), floor.noise), source.fitted(choices, floor.noise)
     plain = source.fitted((), EQUAL), source.fitted(choices, EQUAL)
     where = _where(locate(search.view([]), laws), verdict)
     invisible = _invisible(source, one.foresight)
@@ -219,7 +219,7 @@ def _judged(one: Found) -> Judgement:
     """Return the verdict; names that came in the place of refuted ones must explain as much."""
     search, result = one.search, one.result
     floor = result.floor
-    drift = floor.sigma * np.sqrt(floor.shape.slow_share(one.source.blocks.times.span_s))
+    drift = floor.noise.white * np.sqrt(floor.noise.slow_share(one.source.blocks.times.span_s))
     made = judge(
         search.view([s.choice for s in result.slots]),
         result,
@@ -234,11 +234,11 @@ def _judged(one: Found) -> Judgement:
 
 def _white_ug(source: ThermalSource, result: SearchResult) -> float:
     """Return the white sigma of a reading: from within blocks where there is enough."""
-    fitted = source.fitted([s.choice for s in result.slots], result.floor.shape)
+    fitted = source.fitted([s.choice for s in result.slots], result.floor.noise)
     sigma, dof = source.blocks.spread(reading_residual_ug(source.channel, fitted))
     if dof > 100:
         return sigma
-    return result.floor.sigma * float(np.sqrt(source.blocks.usual))
+    return result.floor.noise.white * float(np.sqrt(source.blocks.usual))
 
 
 def _fit_first(source: ThermalSource, result: SearchResult, after: Fitted) -> tuple[str, ...]:

@@ -7,7 +7,6 @@ import numpy as np
 
 from errormodel.discrepancy.foresight import SAME, foresee
 from errormodel.discrepancy.scan import View
-from errormodel.noise.shapes import drifting
 from thermo.discrepancy.baseline import bare_baseline
 from thermo.discrepancy.source import ThermalSource
 from thermo.library.effects import EFFECTS, ThermalEffect
@@ -69,9 +68,8 @@ def foresee_effects(
     record = replace(channel.record, output=model.simulate(channel.record, values))
     source = ThermalSource(replace(channel, record=record), model, effects)
     per_block = source.blocks.usual
-    drift2 = per_block * (ASSUMED_NOISE.drift / ASSUMED_NOISE.white) ** 2
-    shape = drifting(drift2, ASSUMED_NOISE.drift_tau_s)
-    view = View(source.outline(shape), shape, 1e6 * ASSUMED_NOISE.white / float(np.sqrt(per_block)))
+    noise = replace(ASSUMED_NOISE.scaled(1e6), white=1e6 * ASSUMED_NOISE.white / per_block**0.5)
+    view = View(source.outline(noise), noise)
     found = foresee(view, view.problem.candidates)
     names = [n for n in found.names if n not in found.invisible]
     both = np.minimum(found.imitated, found.imitated.T)

@@ -9,14 +9,14 @@ from errormodel.arrays import FloatArray
 from errormodel.discrepancy.choices import Choice
 from errormodel.discrepancy.search import Search
 from errormodel.errors import NotSeparableError
-from errormodel.noise.shapes import NoiseShape
+from errormodel.noise.model import NoiseModel
 from errormodel.terms import Term
 from thermo.discrepancy.source import Fitted, ThermalSource
 from thermo.library.passing import foreseen
 from thermo.recording.channel import Channel
 
 # Predictions weigh readings alike: the smallest rms, whatever colour the noise is taken to have.
-EQUAL = NoiseShape()
+EQUAL = NoiseModel()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -6,13 +6,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from errormodel.discrepancy.choices import Rules
-from errormodel.discrepancy.floor import NoiseFloor, estimate_floor
 from errormodel.discrepancy.foresight import Foresight, foresee
 from errormodel.discrepancy.nulls import Calibration, calibrate
 from errormodel.discrepancy.problem import Problem
 from errormodel.discrepancy.scan import View
 from errormodel.discrepancy.several import search_all
-from errormodel.noise.shapes import NoiseShape
+from errormodel.noise.floor import estimate_floor
+from errormodel.noise.model import NoiseFit, NoiseModel
 from thermo.discrepancy.shared import Searched, Unlike, unlike_effects
 from thermo.discrepancy.source import ThermalSource
 
@@ -30,7 +30,7 @@ class Settings:
     workers: int
     say: Tell
 
-    def calibrated(self, problem: Problem, floor: NoiseFloor) -> Calibration:
+    def calibrated(self, problem: Problem, floor: NoiseFit) -> Calibration:
         """Simulate the null laws of a problem."""
         rng = np.random.default_rng(self.seed)
         return calibrate(problem, floor, draws=self.draws, rng=rng, workers=self.workers)
@@ -44,7 +44,7 @@ class Found(Searched):
     ----------
     foresight : Foresight
     rules : Rules
-    floor : NoiseFloor
+    floor : NoiseFit
     laws : Calibration
         Of the present model.
     unlike : tuple of Unlike
@@ -56,7 +56,7 @@ class Found(Searched):
 
     foresight: Foresight
     rules: Rules
-    floor: NoiseFloor
+    floor: NoiseFit
     laws: Calibration
     unlike: tuple[Unlike, ...] = ()
     replaced: bool = False
@@ -113,21 +113,19 @@ def _searched(source: ThermalSource, settings: Settings) -> Found:
     """Go through noise, nulls and library for one accelerometer."""
     serial, say = source.channel.serial, settings.say
     say(f"{serial}: noise floor of {len(source.blocks.times)} block means")
-    plain = source.problem((), NoiseShape())
+    plain = source.problem((), NoiseModel())
     floor = estimate_floor(plain.times, plain.residual, plain.saturated)
     say(f"{serial}: {settings.draws} simulated nulls")
-    laws = settings.calibrated(source.problem((), floor.shape), floor)
+    laws = settings.calibrated(source.problem((), floor.noise), floor)
     return _found(source, floor, laws, settings)
 
 
-def _found(
-    source: ThermalSource, floor: NoiseFloor, laws: Calibration, settings: Settings
-) -> Found:
+def _found(source: ThermalSource, floor: NoiseFit, laws: Calibration, settings: Settings) -> Found:
     """Search the library under a noise and its null laws."""
     # one run does not carry a second name
     rules = settings.rules if source.seen.runs > 1 else replace(settings.rules, most=1)
-    problem = source.problem((), floor.shape)
-    foresight = foresee(View(problem, floor.shape, floor.sigma), problem.candidates)
+    problem = source.problem((), floor.noise)
+    foresight = foresee(View(problem, floor.noise), problem.candidates)
     settings.say(f"{source.channel.serial}: trying {len(problem.candidates)} effects")
     search, result = search_all(source, floor, laws, rules, settings.calibrated)
     if source.seen.runs == 1 and {s.choice.name for s in result.slots} & ORDERS:

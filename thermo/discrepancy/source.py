@@ -10,16 +10,10 @@ import numpy as np
 from errormodel.arrays import FloatArray
 from errormodel.columns import derivative
 from errormodel.discrepancy.choices import Choice
-from errormodel.discrepancy.problem import (
-    Candidate,
-    Factor,
-    Problem,
-    Signature,
-    Theta,
-    independent,
-)
+from errormodel.discrepancy.problem import Candidate, Factor, Problem, Signature, Theta
+from errormodel.linear import independent
 from errormodel.model import ErrorModel
-from errormodel.noise.shapes import NoiseShape
+from errormodel.noise.model import NoiseModel
 from errormodel.record import Record
 from errormodel.terms import InputChange, Term
 from thermo.discrepancy.blocks import Blocks, blocks_of
@@ -65,8 +59,8 @@ class ThermalSource:
         self.blocks: Blocks = blocks_of(channel)
         self.seen = Seen(channel, self.blocks)
         self._context = self._make_context()
-        self._cached: dict[tuple[tuple[Choice, ...], NoiseShape], Problem] = {}
-        self._fits: dict[tuple[tuple[Choice, ...], NoiseShape], Fitted] = {}
+        self._cached: dict[tuple[tuple[Choice, ...], NoiseModel], Problem] = {}
+        self._fits: dict[tuple[tuple[Choice, ...], NoiseModel], Fitted] = {}
         self._reps: FloatArray | None = None
 
     @cached_property
@@ -132,21 +126,21 @@ class ThermalSource:
             held.update(zip(form.parameters, choice.theta, strict=True))
         return model, held
 
-    def fitted(self, chosen: Sequence[Choice], shape: NoiseShape) -> Fitted:
+    def fitted(self, chosen: Sequence[Choice], noise: NoiseModel) -> Fitted:
         """Return the enlarged model refitted, every nonlinear parameter with it."""
-        key = (tuple(chosen), shape)
+        key = (tuple(chosen), noise)
         if key not in self._fits:
-            self._fits[key] = self._fit(chosen, shape)
+            self._fits[key] = self._fit(chosen, noise)
         return self._fits[key]
 
-    def _fit(self, chosen: Sequence[Choice], shape: NoiseShape) -> Fitted:
+    def _fit(self, chosen: Sequence[Choice], noise: NoiseModel) -> Fitted:
         model, held = self.enlarged(chosen)
         fixed = {
             p for c in chosen if not self.form_of(c).smooth for p in self.form_of(c).parameters
         }
         values = {**model.start_values(), **held}
         free = tuple(n for n in model.names if n not in fixed)
-        whitener = shape.whitener(self.blocks.times)
+        whitener = noise.whitener(self.blocks.times)
         best = self._linearised(model, values, free)
         cost = float(np.sum(whitener.whiten(best.residual) ** 2))
         for _ in range(REFITS):
@@ -182,16 +176,16 @@ class ThermalSource:
             free=tuple(free),
         )
 
-    def problem(self, chosen: Sequence[Choice], shape: NoiseShape) -> Problem:
+    def problem(self, chosen: Sequence[Choice], noise: NoiseModel) -> Problem:
         """Return the engine's problem of the enlarged model, refitted under a noise."""
-        key = (tuple(chosen), shape)
+        key = (tuple(chosen), noise)
         if key not in self._cached:
-            self._cached[key] = self._problem(chosen, shape)
+            self._cached[key] = self._problem(chosen, noise)
         return self._cached[key]
 
-    def outline(self, shape: NoiseShape) -> Problem:
+    def outline(self, noise: NoiseModel) -> Problem:
         """Return the problem of the present model without what the noise is estimated beside."""
-        fitted = self.fitted((), shape)
+        fitted = self.fitted((), noise)
         return Problem(
             times=self.blocks.times,
             residual=fitted.residual,
@@ -200,8 +194,8 @@ class ThermalSource:
             saturated=np.zeros((fitted.residual.size, 0)),
         )
 
-    def _problem(self, chosen: Sequence[Choice], shape: NoiseShape) -> Problem:
-        fitted = self.fitted(chosen, shape)
+    def _problem(self, chosen: Sequence[Choice], noise: NoiseModel) -> Problem:
+        fitted = self.fitted(chosen, noise)
         names = {c.name for c in chosen}
         left = [e for e in self.effects if e.name not in names]
         candidates = _Candidates(self, fitted).of(left)

@@ -7,7 +7,7 @@ import numpy as np
 
 from errormodel.fit import examine, expected_covariance
 from errormodel.model import ErrorModel
-from errormodel.noise.drift import NoiseModel
+from errormodel.noise.model import NoiseModel
 from errormodel.record import Record
 from thermo.compensation.model_file import reported_units, reporting_factors
 from thermo.library.terms import term

@@ -75,13 +75,12 @@ def _rivals(d: Discrepancy) -> Iterator[tuple[str, str, str, str]]:
 
 
 def _noise(d: Discrepancy) -> str:
-    shape, sigma = d.floor.shape, d.floor.sigma
-    text = f"{number(sigma, 3)} µg white in a block mean"
-    if shape.family == "white":
+    noise = d.floor.noise
+    text = f"{number(noise.white, 3)} µg white in a block mean"
+    if noise.family == "white":
         return text
     slow = ", ".join(
-        f"{number(sigma * v**0.5, 3)} µg over {number(t / 3600, 2)} h"
-        for v, t in zip(shape.variance, shape.tau_s, strict=True)
+        f"{number(noise.drift, 3)} µg over {number(t / 3600, 2)} h" for t in noise.slow_tau_s
     )
     words = {"drift": "drift", "walk": "a random walk, as", "flicker": "flicker noise, as"}
-    return f"{text}, and {words[shape.family]} {slow}"
+    return f"{text}, and {words[noise.family]} {slow}"

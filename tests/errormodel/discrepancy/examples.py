@@ -3,7 +3,8 @@
 import numpy as np
 
 from errormodel.discrepancy.problem import Candidate, Factor, Problem, Signature
-from errormodel.noise.shapes import NoiseShape, TimeBase
+from errormodel.noise.model import NoiseModel
+from errormodel.noise.whitening import TimeBase
 
 
 def time_base(runs: int = 3, n: int = 120, step_s: float = 60.0) -> TimeBase:
@@ -38,6 +39,5 @@ def linear_problem(
         candidates=candidates,
         saturated=np.hstack([ones, wave, square]),
         factors=(Factor(name="wave", groups=(wave, waves(base, 5.0)[:, None]), repeatable=True),),
-        noise=NoiseShape() if known else None,
-        sigma=1.0 if known else None,
+        noise=NoiseModel() if known else None,
     )

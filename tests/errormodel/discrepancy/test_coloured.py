@@ -5,12 +5,13 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy import linalg
 
-from errormodel.noise.shapes import NoiseShape, TimeBase, drifting, flicker, walking
+from errormodel.noise.model import NoiseModel, drifting, flicker, walking
+from errormodel.noise.whitening import TimeBase
 from tests.errormodel.discrepancy.examples import time_base
 
 BASE = time_base(runs=2, n=40)
 SHAPES = {
-    "white": NoiseShape(),
+    "white": NoiseModel(),
     "drift": drifting(4.0, 900.0),
     "flicker": flicker(0.7, BASE),
     "walk": walking(9.0, BASE, continued=False),
@@ -18,13 +19,15 @@ SHAPES = {
 }
 
 
-def covariance(shape: NoiseShape, base: TimeBase) -> np.ndarray:
+def covariance(shape: NoiseModel, base: TimeBase) -> np.ndarray:
     time_s = base.elapsed_s if shape.continued else base.time_s
     same = np.ones((len(base),) * 2) if shape.continued else base.run[:, None] == base.run
     total = np.diag(base.white2)
-    for variance, tau_s in zip(shape.variance, shape.tau_s, strict=True):
+    for variance, tau_s in zip(shape.processes.variance, shape.processes.tau_s, strict=True):
         apart = np.exp(-np.abs(time_s[:, None] - time_s) / tau_s)
-        if not shape.settled:  # begun from zero: what the start would have left is taken off
+        if (
+            not shape.processes.settled
+        ):  # begun from zero: what the start would have left is taken off
             apart = apart - np.exp(-(time_s[:, None] + time_s) / tau_s)
         total = total + variance * apart * same
     return total

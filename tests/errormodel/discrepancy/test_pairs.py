@@ -5,17 +5,16 @@ import pytest
 
 from errormodel.arrays import FloatArray
 from errormodel.discrepancy.choices import LinearSource, Rules
-from errormodel.discrepancy.floor import NoiseFloor
 from errormodel.discrepancy.nulls import Calibration, calibrate
 from errormodel.discrepancy.pairs import best_pair
 from errormodel.discrepancy.problem import Candidate, Problem, Signature
 from errormodel.discrepancy.scan import View
 from errormodel.discrepancy.search import Search
-from errormodel.noise.shapes import NoiseShape
+from errormodel.noise.model import NoiseModel, given_noise
 from tests.errormodel.discrepancy.examples import time_base, waves
 
 BASE = time_base()
-FLOOR = NoiseFloor(shape=NoiseShape(), sigma=1.0, support=((1.0, NoiseShape()),))
+FLOOR = given_noise(NoiseModel())
 # two orthogonal patterns and their sum in nearly equal parts: one less the other is small
 ONE, LITTLE = waves(BASE, 3.0), waves(BASE, 5.0)
 OTHER = ONE + 0.35 * LITTLE
@@ -35,8 +34,7 @@ def problem(residual: FloatArray) -> Problem:
         base=ones,
         candidates=candidates,
         saturated=np.column_stack([ones, *columns.values()]),
-        noise=NoiseShape(),
-        sigma=1.0,
+        noise=NoiseModel(),
     )
 
 
@@ -82,7 +80,7 @@ def test_one_effect_alone_keeps_its_name(laws: Calibration) -> None:
 def test_the_best_pair_is_that_of_all_least_squares_fits() -> None:
     rng = np.random.default_rng(34)
     one = problem(rng.standard_normal(len(BASE)) + 0.3 * THIRD + 0.2 * ONE)
-    view = View(one, NoiseShape(), 1.0)
+    view = View(one, NoiseModel())
     columns = {c.name: c.prepared()[0].columns[:, 0] for c in one.candidates}
 
     def left(*names: str) -> float:

@@ -4,15 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from errormodel.discrepancy.floor import NoiseFloor
 from errormodel.discrepancy.nulls import calibrate
 from errormodel.discrepancy.scale import Scales
-from errormodel.noise.shapes import NoiseShape
+from errormodel.noise.model import NoiseModel, given_noise
 from tests.errormodel.discrepancy.examples import linear_problem, time_base, waves
 
 BASE = time_base()
 FIRST = np.arange(len(BASE)) % 3 > 0  # two thirds of all samples
-FLOOR = NoiseFloor(shape=NoiseShape(), sigma=1.0, support=((1.0, NoiseShape()),))
+FLOOR = given_noise(NoiseModel())
 WAVES = np.column_stack([waves(BASE, k) for k in (1.0, 2.0, 3.0, 5.0)])
 PROBLEM = replace(
     linear_problem(np.zeros(len(BASE)), BASE), saturated=WAVES, scaled=(FIRST, ~FIRST)

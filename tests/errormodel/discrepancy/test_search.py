@@ -5,17 +5,16 @@ import pytest
 from numpy.testing import assert_allclose
 
 from errormodel.discrepancy.choices import LinearSource, Rules, SearchResult
-from errormodel.discrepancy.floor import NoiseFloor
 from errormodel.discrepancy.foresight import foresee
 from errormodel.discrepancy.gate import judge
 from errormodel.discrepancy.nulls import Calibration, calibrate
 from errormodel.discrepancy.scan import Prepared, View
 from errormodel.discrepancy.search import Search
-from errormodel.noise.shapes import NoiseShape
+from errormodel.noise.model import NoiseModel, given_noise
 from tests.errormodel.discrepancy.examples import linear_problem, time_base, waves
 
 BASE = time_base()
-FLOOR = NoiseFloor(shape=NoiseShape(), sigma=1.0, support=((1.0, NoiseShape()),))
+FLOOR = given_noise(NoiseModel())
 RULES = Rules()
 
 
@@ -35,7 +34,7 @@ def searched(residual: np.ndarray, laws: Calibration) -> tuple[str, SearchResult
 def test_the_gain_is_what_least_squares_says() -> None:
     residual = np.random.default_rng(1).standard_normal(len(BASE)) + 0.3 * waves(BASE, 3.0)
     problem = linear_problem(residual, BASE)
-    view = View(problem, NoiseShape(), 1.0)
+    view = View(problem, NoiseModel())
     found = {f.candidate.name: f.gain for f in Prepared(view, problem.candidates).scan()}
     wave = waves(BASE, 3.0)[:, None]
     without = np.linalg.lstsq(problem.base, residual)[1][0]
@@ -47,7 +46,7 @@ def test_the_gain_is_what_least_squares_says() -> None:
 
 def test_what_cannot_be_seen_and_what_cannot_be_told_apart_is_said_beforehand() -> None:
     problem = linear_problem(np.zeros(len(BASE)), BASE)
-    foresight = foresee(View(problem, NoiseShape(), 1.0), problem.candidates)
+    foresight = foresee(View(problem, NoiseModel()), problem.candidates)
     assert foresight.invisible == ("lost",)
     assert foresight.partners("wave") == ("same",)
     # the third harmonic of a square wave has the amplitude 4/3π: its share of the power
@@ -94,7 +93,7 @@ def test_what_repeats_but_has_no_name_is_told_as_such(laws: Calibration) -> None
 def test_p_values_are_uniform_where_nothing_is_missing(laws: Calibration) -> None:
     rng = np.random.default_rng(11)
     problem = linear_problem(np.zeros(len(BASE)), BASE)
-    view = View(problem, NoiseShape(), 1.0)
+    view = View(problem, NoiseModel())
     prepared = Prepared(view, problem.candidates)
     gains = prepared.null_gains(rng.standard_normal((len(BASE), 4000)))
     p = laws.gains["square"].p_values(gains[2])

@@ -5,17 +5,16 @@ import pytest
 
 from errormodel.arrays import FloatArray
 from errormodel.discrepancy.choices import LinearSource, Rules
-from errormodel.discrepancy.floor import NoiseFloor
 from errormodel.discrepancy.nulls import Calibration, calibrate
 from errormodel.discrepancy.problem import Candidate, Problem, Signature
 from errormodel.discrepancy.scan import View
 from errormodel.discrepancy.search import Search
 from errormodel.discrepancy.several import joint_block, search_all
-from errormodel.noise.shapes import NoiseShape
+from errormodel.noise.model import NoiseModel, given_noise
 from tests.errormodel.discrepancy.examples import time_base, waves
 
 BASE = time_base()
-FLOOR = NoiseFloor(shape=NoiseShape(), sigma=1.0, support=((1.0, NoiseShape()),))
+FLOOR = given_noise(NoiseModel())
 TERMS = {name: waves(BASE, cycles) for name, cycles in (("a", 3.0), ("b", 5.0), ("c", 7.0))}
 # each of its columns is nine tenths a term: together 92 % of what the three terms explain
 CAUSE = np.column_stack(
@@ -41,8 +40,7 @@ def problem(residual: FloatArray) -> Problem:
         base=ones,
         candidates=candidates,
         saturated=np.hstack([ones, *columns.values()]),
-        noise=NoiseShape(),
-        sigma=1.0,
+        noise=NoiseModel(),
     )
 
 
@@ -100,6 +98,6 @@ def test_where_the_two_explain_alike_no_name_is_bare(laws) -> None:
 
 
 def test_the_block_holds_what_the_data_call_for_and_no_more() -> None:
-    view = View(problem(residual(3, a=3.0, c=2.0)), NoiseShape(), 1.0)
+    view = View(problem(residual(3, a=3.0, c=2.0)), NoiseModel())
     assert [c.name for c in joint_block(view, Rules().further)] == ["a", "c"]
-    assert joint_block(View(problem(residual(4)), NoiseShape(), 1.0), Rules().further) == ()
+    assert joint_block(View(problem(residual(4)), NoiseModel()), Rules().further) == ()
