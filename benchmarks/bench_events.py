@@ -26,7 +26,7 @@ from benchmarks.blind.chamber.plan import recipe
 from benchmarks.blind.chamber.truth import write_set
 from errormodel.arrays import FloatArray
 from errormodel.discrepancy.events import POWERS, event_ratios, noise_menu
-from errormodel.discrepancy.nulls import NullLaw
+from errormodel.discrepancy.nulls import NullDistribution
 from errormodel.discrepancy.problem import Candidate, Problem
 from errormodel.discrepancy.scan import View
 from errormodel.noise.floor import PENALTY
@@ -78,9 +78,9 @@ def found(
     shapes: Sequence[NoiseModel],
 ) -> tuple[float, float]:
     """Return the share of residuals in which the event is found, and the median ratio."""
-    law = NullLaw(event_ratios(problem, shapes, nulls, [event])[0])
+    null = NullDistribution(event_ratios(problem, shapes, nulls, [event])[0])
     ratios = event_ratios(problem, shapes, residuals, [event])[0]
-    return float(np.mean(law.p_values(ratios) < LUCK)), float(np.median(ratios))
+    return float(np.mean(null.p_values(ratios) < LUCK)), float(np.median(ratios))
 
 
 def likeliest(problem: Problem, shapes: Sequence[NoiseModel], residuals: FloatArray) -> NoiseModel:

@@ -60,7 +60,7 @@ def columns_of(runs: RecordedRuns) -> tuple[FloatArray, FloatArray, list[str], F
     blocks: list[FloatArray] = []
     names: list[str] = []
     for candidate in problem.candidates:
-        own = candidate.prepared()[0].columns
+        own = candidate.grid_signatures[0].columns
         left = own - base @ (base.T @ own)
         shown = np.linalg.norm(left, axis=0) > 2e-3 * np.linalg.norm(own, axis=0)
         blocks.append(left[:, shown] / np.sqrt(np.mean(left[:, shown] ** 2, axis=0)))

@@ -99,7 +99,7 @@ def placed(problem: Problem, shapes: Sequence[NoiseModel], candidate: Candidate)
     The grid's best may lie where a run begins, a step there being free under slow noise; the
     likelihood of a sharp step a minute away from its instant is no peak to rely on.
     """
-    ratios = _ratios(problem, shapes, candidate.prepared())
+    ratios = _ratios(problem, shapes, candidate.grid_signatures)
     k = int(np.argmax(ratios))
     best = Placed(theta=candidate.grid[k], ratio=float(ratios[k]))
     about = [t for peak in _peaks(ratios) for t in _about(candidate, candidate.grid[peak])]

@@ -65,7 +65,7 @@ def _bases(view: View, candidates: Sequence[Candidate]) -> tuple[list[_Tried], F
     signatures: list[Signature] = []
     for candidate in candidates:
         every = max(1, round(len(candidate.grid) / POINTS))
-        for theta, signature in list(zip(candidate.grid, candidate.prepared(), strict=True))[
+        for theta, signature in list(zip(candidate.grid, candidate.grid_signatures, strict=True))[
             ::every
         ]:
             choices.append(Choice(candidate.name, theta))

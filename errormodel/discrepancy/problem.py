@@ -1,4 +1,4 @@
-"""What the engine asks of a measurement: residuals, the baseline's columns, candidate effects.
+"""A measurement as the engine takes it: residual, the baseline's columns, candidate effects.
 
 The engine knows no physics. A chamber run gives it the residual of its present model and lets it
 find the colour of the noise. A filter gives it its innovations, which are white already and have
@@ -8,7 +8,8 @@ candidate's signature is then what the filter's own gains make of the effect (Wi
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,7 +47,7 @@ def columns_of(signature: Signature) -> FloatArray:
     return signature.columns if signature.offset is None else signature.offset[:, None]
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Candidate:
     """An effect that may be missing.
 
@@ -54,9 +55,9 @@ class Candidate:
     lies in the right valley; `bounds` those of the refinement, or `finer` gives the points about
     one of the grid where the output does not change smoothly (neither: the grid is all there is).
     An event's size inflates the noise it is judged by, so the noise is estimated anew once it is
-    in the model. `richer` is a more supple member of the same family of shapes, tried before any
-    second effect is named. `joint` marks what belongs to the present model's own equation: all
-    such are offered together before causes are looked for beside them.
+    in the model. `flexible` is the effect's flexible form, of more parameters, tried before any
+    second effect is named. `joint` marks what belongs to the present model's own equation: all such
+    are offered together before causes are looked for beside them.
     """
 
     name: str
@@ -65,16 +66,13 @@ class Candidate:
     bounds: tuple[tuple[float, float], ...] = ()
     finer: Callable[[Theta], tuple[Theta, ...]] | None = None
     event: bool = False
-    richer: "Candidate | None" = None
+    flexible: "Candidate | None" = None
     joint: bool = False
-    grid_signatures: tuple[Signature, ...] = field(init=False, default=())
 
-    def prepared(self) -> tuple[Signature, ...]:
-        """Return the signatures of the grid, computed once."""
-        if not self.grid_signatures:
-            made = tuple(self.signature(theta) for theta in self.grid)
-            object.__setattr__(self, "grid_signatures", made)
-        return self.grid_signatures
+    @cached_property
+    def grid_signatures(self) -> tuple[Signature, ...]:
+        """The signatures at the points of the grid."""
+        return tuple(self.signature(theta) for theta in self.grid)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -100,7 +98,7 @@ class Problem:
     residual : ndarray, shape (n,)
         Measured less the present model.
     base : ndarray, shape (n, p)
-        Derivative of the present model by its unknowns.
+        Derivative of the present model by its parameters.
     candidates : tuple of Candidate
     saturated : ndarray, shape (n, m)
         Everything that would repeat in a new run, for the noise to be judged beside.

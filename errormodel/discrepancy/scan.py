@@ -1,4 +1,4 @@
-"""How much each candidate effect would explain, under a given noise: gains of chi-square."""
+"""Gains of chi-square: how much each candidate effect would explain under a noise."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -142,7 +142,7 @@ class Prepared:
     def __init__(self, view: View, candidates: Sequence[Candidate]) -> None:
         self.view = view
         self.candidates = tuple(candidates)
-        signatures = [c.prepared() for c in candidates]
+        signatures = [c.grid_signatures for c in candidates]
         points = view.points([s for many in signatures for s in many])
         self.points: list[list[Point]] = []
         for many in signatures:
@@ -229,16 +229,3 @@ def _refined(view: View, best: Found) -> Found:
     if gain <= best.gain:
         return best
     return Found(candidate=candidate, theta=theta, gain=gain, grid_gain=best.grid_gain)
-
-
-def absorbed(view: View, of: Signature, by: Prepared, index: int) -> float:
-    """Return the share of a signature that a candidate can imitate, 0 to 1, noise-free."""
-    column = of.offset if of.offset is not None else of.columns[:, 0]
-    white = view.beside_base(view.white(column))
-    total = float(white @ white)
-    if total <= 0.0:
-        return 0.0
-    plain = [p for p in by.points[index] if p.whole is None]
-    if not plain:
-        return 0.0
-    return float(np.max(view.gains(plain, white[:, None]))) / total

@@ -1,9 +1,10 @@
 """Several terms of the present model's own equation missing at once.
 
-One cause of many unknowns imitates several terms that are missing together better than any of them
-does alone, so a search that adds one effect after another begins with the wrong one. So the search
-is made twice, from the present model and from the present model with the terms of its equation that
-the data call for jointly, and the explanation that is likelier stands, each effect at its price.
+One cause of many parameters imitates several terms that are missing together better than any of
+them does alone, so a search that adds one effect after another begins with the wrong one. So the
+search is made twice, from the present model and from the present model with the terms of its
+equation that the data call for jointly, and the explanation that is likelier stands, each effect at
+its price.
 """
 
 from collections.abc import Sequence
@@ -12,52 +13,36 @@ from dataclasses import replace
 import numpy as np
 
 from errormodel.arrays import FloatArray
-from errormodel.discrepancy.choices import Choice, Rules, SearchResult, Slot, Source
-from errormodel.discrepancy.nulls import Calibration
-from errormodel.discrepancy.ranking import chi_square, unknowns_of
+from errormodel.discrepancy.choices import Choice
+from errormodel.discrepancy.ranking import chi_square, parameter_count
 from errormodel.discrepancy.scan import View
-from errormodel.discrepancy.search import Recalibrate, Search
+from errormodel.discrepancy.search import search
+from errormodel.discrepancy.state import SearchState, SearchTask, Slot
 from errormodel.linear import independent
-from errormodel.noise.model import NoiseFit
 
 
-def search_all(
-    source: Source,
-    floor: NoiseFit,
-    laws: Calibration,
-    rules: Rules,
-    again: Recalibrate | None = None,
-) -> tuple[Search, SearchResult]:
+def search_all(task: SearchTask) -> SearchState:
     """Search from the present model and from its equation's block, and return the likelier.
 
     Where neither is clearly likelier, the effects of the other join the alias sets of the one with
     fewer effects: no name of it is bare.
-
-    Returns
-    -------
-    Search, SearchResult
-        The search that stands, with its noise and laws, and what it found.
     """
-    plain = Search(source, floor, laws, rules, again)
-    view = plain.view([])
-    alone = plain.run()
-    block = joint_block(view, rules.further)
+    alone = search(task)
+    view = View(task.source.problem((), task.floor.noise), task.floor.noise)
+    block = joint_block(view, task.rules.further)
     if not alone.slots or len(block) < 2:
-        return plain, alone
-    joint = Search(source, floor, laws, rules, again, block)
-    together = joint.run()
+        return alone
+    together = search(replace(task, start=block))
     names = {c.name for c in block}
-    together = replace(
-        together, started=tuple(s.choice.name for s in together.slots if s.choice.name in names)
-    )
-    if {s.choice.name for s in alone.slots} == {s.choice.name for s in together.slots}:
-        return joint, together
-    better = _price(source, floor, rules, alone) - _price(source, floor, rules, together)
-    if better > rules.alias:
-        return joint, together
-    if better > -rules.alias:
-        return plain, _beside(alone, together)
-    return plain, alone
+    together = replace(together, started=tuple(c.name for c in together.found if c.name in names))
+    if {c.name for c in alone.found} == {c.name for c in together.found}:
+        return together
+    better = _price(alone) - _price(together)
+    if better > task.rules.alias:
+        return together
+    if better > -task.rules.alias:
+        return _without_bare_names(alone, together)
+    return alone
 
 
 def joint_block(view: View, least: float) -> tuple[Choice, ...]:
@@ -68,10 +53,10 @@ def joint_block(view: View, least: float) -> tuple[Choice, ...]:
     view : View
         Of the present model.
     least : float
-        Chi-square beyond its unknowns that each must explain beside the others.
+        Chi-square beyond its parameters that each must explain beside the others.
     """
     candidates = [c for c in view.problem.candidates if c.joint and not c.event]
-    points = view.points([c.prepared()[0] for c in candidates])
+    points = view.points([c.grid_signatures[0] for c in candidates])
     kept = [(c, p.basis) for c, p in zip(candidates, points, strict=True) if p.basis.shape[1] > 0]
     while kept:
         whole = _explained(view, [b for _, b in kept])
@@ -93,27 +78,29 @@ def _explained(view: View, bases: Sequence[FloatArray]) -> float:
     return float(np.sum((independent(np.hstack(bases)).T @ view.data) ** 2))
 
 
-def _price(source: Source, floor: NoiseFit, rules: Rules, result: SearchResult) -> float:
-    """Return the chi-square left under the first noise, with what unknowns and names cost."""
-    choices = [s.choice for s in result.slots]
-    left = chi_square(View(source.problem(choices, floor.noise), floor.noise))
-    known = {c.name: c for c in source.problem((), floor.noise).candidates}
-    unknowns = 0
+def _price(result: SearchState) -> float:
+    """Return the chi-square left under the first noise, with what parameters and names cost."""
+    task = result.task
+    noise, choices = task.floor.noise, result.found
+    left = chi_square(View(task.source.problem(choices, noise), noise))
+    known = {c.name: c for c in task.source.problem((), noise).candidates}
+    parameters = 0
     for choice in choices:
         candidate = known[choice.name]
-        unknowns += unknowns_of((candidate.richer if choice.rich else None) or candidate)
-    return left + 2.0 * unknowns + rules.least * len(choices)
+        form = candidate.flexible if choice.flexible else None
+        parameters += parameter_count(form or candidate)
+    return left + 2.0 * parameters + task.rules.least * len(choices)
 
 
-def _beside(alone: SearchResult, together: SearchResult) -> SearchResult:
-    """Return a result whose names are told as no likelier than those of another."""
-    own = {s.choice.name for s in alone.slots}
-    others = tuple(s.choice.name for s in together.slots if s.choice.name not in own)
-    kept = {s.choice.name for s in together.slots}
+def _without_bare_names(alone: SearchState, together: SearchState) -> SearchState:
+    """Return a result whose names are no likelier than those of another: they become alias sets."""
+    own = {c.name for c in alone.found}
+    kept = {c.name for c in together.found}
+    others = tuple(c.name for c in together.found if c.name not in own)
 
-    def doubted(slot: Slot) -> Slot:
+    def with_others(slot: Slot) -> Slot:
         if slot.choice.name in kept:
             return slot
         return replace(slot, alias=tuple(dict.fromkeys((*slot.alias, *others))))
 
-    return replace(alone, slots=tuple(doubted(s) for s in alone.slots))
+    return replace(alone, slots=tuple(with_others(s) for s in alone.slots))

@@ -10,11 +10,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from errormodel.discrepancy.choices import Choice, SearchResult
+from errormodel.discrepancy.choices import Choice
 from errormodel.discrepancy.gate import Judgement
 from errormodel.discrepancy.pairs import POINTS
 from errormodel.discrepancy.problem import Signature, Theta, columns_of
 from errormodel.discrepancy.scan import Prepared, View
+from errormodel.discrepancy.state import SearchState
 from errormodel.errors import InputError
 from errormodel.noise.model import NoiseFit
 from thermo.discrepancy.experiment_menu import Item, menu
@@ -72,7 +73,7 @@ class Experiment:
 
 def propose(
     source: ThermalSource,
-    result: SearchResult,
+    result: SearchState,
     verdict: Judgement,
     invisible: tuple[str, ...],
     floor: NoiseFit,
@@ -82,7 +83,7 @@ def propose(
     Parameters
     ----------
     source : ThermalSource
-    result : SearchResult
+    result : SearchState
     verdict : Judgement
     invisible : tuple of str
     floor : NoiseFit
@@ -238,11 +239,11 @@ class _Experiments:
     def _distance(self, channel: Channel, name: str, rivals: Many[str]) -> float:
         """Return how far the nearest rival stays from an effect that was simulated.
 
-        The most supple member of a rival's family counts, as in the search.
+        A rival's flexible form counts, as in the search.
         """
         view = self._view(channel)
         every = {c.name: c for c in view.problem.candidates}
-        against = [m for n in rivals if n in every for m in (every[n], every[n].richer) if m]
+        against = [m for n in rivals if n in every for m in (every[n], every[n].flexible) if m]
         nearest = max((f.gain for f in Prepared(view, against).scan()), default=0.0)
         own = [f.gain for f in Prepared(view, [every[name]]).scan()] if name in every else [0.0]
         return float(np.sqrt(max(own[0] - nearest, 0.0)))

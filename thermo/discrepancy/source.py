@@ -43,7 +43,7 @@ class Fitted:
 
     @property
     def idle(self) -> frozenset[str]:
-        """Unknowns that have no effect in these runs: nothing was learnt of them."""
+        """Parameters that have no effect in these runs: nothing was learnt of them."""
         columns = zip(self.free, self.jacobian.T, strict=True)
         return frozenset(name for name, column in columns if not column.any())
 
@@ -115,7 +115,7 @@ class ThermalSource:
     def form_of(self, choice: Choice) -> Form:
         """Return the form that the engine chose."""
         effect = next(e for e in self.effects if e.name == choice.name)
-        return self.forms(effect)[1 if choice.rich else 0]
+        return self.forms(effect)[1 if choice.flexible else 0]
 
     def enlarged(self, chosen: Sequence[Choice]) -> tuple[ErrorModel, dict[str, float]]:
         """Return the model with effects added, and their nonlinear parameters."""
@@ -258,8 +258,8 @@ class _Candidates:
             forms = self.source.forms(effect)
             if not forms or not self._possible(forms[0]):
                 continue
-            rich = self._candidate(effect, forms[1], None) if len(forms) > 1 else None
-            made.append(self._candidate(effect, forms[0], rich))
+            flexible = self._candidate(effect, forms[1], None) if len(forms) > 1 else None
+            made.append(self._candidate(effect, forms[0], flexible))
         return tuple(made)
 
     def _possible(self, form: Form) -> bool:
@@ -270,7 +270,9 @@ class _Candidates:
         )
         return self.source.channel.has_input or not needy
 
-    def _candidate(self, effect: ThermalEffect, form: Form, rich: Candidate | None) -> Candidate:
+    def _candidate(
+        self, effect: ThermalEffect, form: Form, flexible: Candidate | None
+    ) -> Candidate:
         terms = [term(n) for n in form.terms]
         bounds = {p.name: (p.lo, p.hi) for t in terms for p in t.parameters}
         changes = any(isinstance(t, InputChange) for t in terms)
@@ -289,7 +291,7 @@ class _Candidates:
             finer=None if form.smooth else self.source.instants_about,
             # one run tells nothing of what repeats: everything is judged beside its own noise
             event=effect.event or self.source.seen.runs == 1,
-            richer=rich,
+            flexible=flexible,
             joint=all(n in STATIC_NAMES or ORDER.fullmatch(n) for n in form.terms),
         )
 
@@ -336,7 +338,7 @@ def _representatives(candidates: Sequence[Candidate], rows: int) -> FloatArray:
     """Return signatures that stand for what may be missing and would repeat, for the noise."""
     pieces: list[FloatArray] = []
     for candidate in (c for c in candidates if not c.event):
-        every = candidate.prepared()
+        every = candidate.grid_signatures
         chosen = every[:: max(1, len(every) // 4)]
         for s in chosen:
             pieces.append(s.columns if s.offset is None else s.offset[:, None])

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from errormodel.arrays import FloatArray
-from errormodel.discrepancy.choices import SearchResult
 from errormodel.discrepancy.gate import FactorFinding, Judgement
+from errormodel.discrepancy.state import SearchState
 from errormodel.model import ErrorModel
 from errormodel.noise.model import NoiseFit
 from thermo.discrepancy.source import Fitted, ThermalSource
@@ -52,7 +52,7 @@ class EffectFound:
 def parameter_values(
     fitted: Fitted, source: ThermalSource, floor: NoiseFit
 ) -> dict[str, ParameterValue]:
-    """Return every unknown of a fitted model with its sigma under the noise, as reported."""
+    """Return every parameter of a fitted model with its sigma under the noise, as reported."""
     covariance = _covariance(fitted, source, floor)
     # what two columns share beyond rounding has no sigma
     variances = np.where(np.diag(covariance) > 0.0, np.diag(covariance), np.nan)
@@ -83,7 +83,7 @@ def _covariance(fitted: Fitted, source: ThermalSource, floor: NoiseFit) -> Float
 
 
 def effects_found(
-    source: ThermalSource, fitted: Fitted, result: SearchResult, floor: NoiseFit
+    source: ThermalSource, fitted: Fitted, result: SearchState, floor: NoiseFit
 ) -> tuple[EffectFound, ...]:
     """Return the effects of the verdict with their sizes and sentences."""
     values = parameter_values(fitted, source, floor)
@@ -120,7 +120,7 @@ def _size(parameters: Mapping[str, ParameterValue]) -> str:
 
 
 def _label(name: str, first: str) -> str:
-    """Return an unknown's name without what the effect's first one says, and without its unit."""
+    """Return a parameter's name without what the effect's first one says, and without its unit."""
     own = name.removeprefix(f"{first}_")
     return own if own == name else re.sub(r"_(h|s|c)$", "", own).replace("_", " ")
 

@@ -10,7 +10,7 @@ from accelbench.shell.plotting import Picture
 CONVENTIONS = (
     "Strength is the whitened size of an effect beside everything else in the model: how many of "
     "its own sigmas it has. From seven on it can be named.",
-    "p is the probability that noise alone gives as much to any effect of the library; its law "
+    "p is the probability that noise alone gives as much to any effect of the library; its null "
     "comes from simulated runs.",
     "Effects within nine of the best in twice the log-likelihood cannot be told apart.",
 )

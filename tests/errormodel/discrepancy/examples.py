@@ -1,7 +1,11 @@
 """A small problem that is linear in everything, for the engine alone."""
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import numpy as np
 
+from errormodel.discrepancy.choices import Choice
 from errormodel.discrepancy.problem import Candidate, Factor, Problem, Signature
 from errormodel.noise.model import NoiseModel
 from errormodel.noise.whitening import TimeBase
@@ -41,3 +45,30 @@ def linear_problem(
         factors=(Factor(name="wave", groups=(wave, waves(base, 5.0)[:, None]), repeatable=True),),
         noise=NoiseModel() if known else None,
     )
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LinearSource:
+    """A source for a problem that is linear in everything, as a filter's innovations are.
+
+    The effects chosen join the baseline by their signature's columns.
+    """
+
+    start: Problem
+
+    def problem(self, chosen: Sequence[Choice], noise: NoiseModel) -> Problem:
+        """Return the problem with the chosen effects' columns in the baseline."""
+        del noise
+        by_name = {c.name: c for c in self.start.candidates}
+        added = [by_name[c.name].signature(c.theta).columns for c in chosen]
+        names = {c.name for c in chosen}
+        return Problem(
+            times=self.start.times,
+            residual=self.start.residual,
+            base=np.hstack([self.start.base, *added]),
+            candidates=tuple(c for c in self.start.candidates if c.name not in names),
+            saturated=np.hstack([self.start.saturated, *added]),
+            factors=self.start.factors,
+            noise=self.start.noise,
+            events=self.start.events,
+        )
