@@ -17,7 +17,7 @@ from scipy import linalg
 from errormodel.arrays import FloatArray
 from errormodel.discrepancy.choices import Choice
 from errormodel.linear import independent
-from sinscal.model.effects import BY_NAME
+from sinscal.library import rig_library
 from sinscal.recording.run import BoolArray
 from sinscal.sensitivity.problem import FilterProblem
 
@@ -47,7 +47,7 @@ def gap_of_cycle(before: FilterProblem, k: int, chosen: Sequence[Choice]) -> Cyc
     chosen : sequence of Choice
         The effects that the other cycles name.
     """
-    effects = [(BY_NAME[c.name], c.theta) for c in chosen]
+    effects = [(rig_library().by_name[c.name], c.theta) for c in chosen]
     y = before.residual
     parts = [before.signature(e, theta).columns * before.prior_sigmas(e) for e, theta in effects]
     seen = np.hstack([np.zeros((y.size, 0)), *parts])

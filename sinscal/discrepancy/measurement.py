@@ -16,7 +16,7 @@ from errormodel.noise.model import NoiseModel, given_noise
 from sinscal.discrepancy.drift import against_drift
 from sinscal.discrepancy.held_out import CycleGap, gap_of_cycle
 from sinscal.discrepancy.source import RigSource
-from sinscal.model.effects import BY_NAME
+from sinscal.library import rig_library
 
 REPEAT = "repeat the same programme: what comes again belongs to the model, the rest does not"
 
@@ -78,4 +78,4 @@ class RigInnovations(Measurement[CycleGap, str]):
 
 
 def _experiments(names: Sequence[str]) -> str:
-    return "; ".join(f"{n}: {BY_NAME[n].experiment}" for n in dict.fromkeys(names))
+    return "; ".join(f"{n}: {rig_library().by_name[n].experiment}" for n in dict.fromkeys(names))

@@ -13,8 +13,8 @@ from rich.text import Text
 from accelbench.shell.surroundings import Shell, current_shell
 from accelbench.shell.terminal import Channel, Terminal
 from thermo.planning.text import duration_text
-from thermo.station.detached import DetachedObserver
-from thermo.station.live import LiveEstimate
+from thermo.station.observers.detached import DetachedObserver
+from thermo.station.observers.live import LiveEstimate
 from thermo.station.outcome import Event, Observer
 from thermo.station.outcome import Progress as TestProgress
 from thermo.store.records import ReadingRow
