@@ -18,13 +18,13 @@ class Rules:
         False-alarm rates of the effects that repeat and of the events, each as a whole, for one
         to enter.
     least : float
-        What an effect must explain beyond the expected null gain, beside the others, to keep its
-        name.
+        Chi-square that an effect must explain beyond the expected null gain, beside the others, to
+        keep its name.
     further : float
-        What a further effect must explain, beyond the expected null gain, beside one that is named
-        already: the shape of the first is never known quite.
+        Chi-square that a further effect must explain, beyond the expected null gain, beside one
+        that is named already: the shape of the first is never known quite.
     further_event : float
-        What a further event must explain.
+        Chi-square that a further event must explain.
     alpha_rest : float
         False-alarm rate for declaring the remainder unexplained.
     alias : float
@@ -32,9 +32,9 @@ class Rules:
         told from it. Two effects that truly differ by this in expectation are taken for each
         other in about one case in 700.
     share : float
-        What the named effects must explain of the excess for their names to stand.
+        Share of the excess that the named effects must explain for their names to stand.
     flexible : float
-        What an effect's flexible form must gain, beyond twice its further parameters.
+        Chi-square that a flexible form must gain, beyond twice its further parameters.
     relative : float
         Effects smaller than this fraction of one named already, with a similar pattern, are
         attributed to that one's imperfect shape.

@@ -2,8 +2,8 @@
 
 A step, an offset of a run, a slow relaxation: beside a mean without them they pose as slow noise,
 and the noise so found hides them. So the statistic is a likelihood ratio: the best likelihood over
-noise shapes with the effect in the mean against the best without it. The price is that some of
-them cannot be told from a random walk, and that is true.
+noise shapes with the effect in the mean against the best without it. Some of
+them cannot be told from a random walk then.
 """
 
 from collections.abc import Sequence
@@ -87,7 +87,7 @@ def _with_base(problem: Problem, base: FloatArray, residual: FloatArray) -> Prob
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Placed:
-    """Where an event is likeliest, and twice its log-likelihood ratio there."""
+    """The likeliest place of an event, and twice its log-likelihood ratio there."""
 
     theta: Theta
     ratio: float

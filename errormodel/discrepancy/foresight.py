@@ -1,4 +1,4 @@
-"""What a measurement can show, before its residual is looked at."""
+"""Foresight: effects that a measurement can show, before its residual is looked at."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ SAME = 0.98
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Foresight:
-    """What can be shown of each candidate.
+    """Visibility of each candidate in a measurement.
 
     Attributes
     ----------

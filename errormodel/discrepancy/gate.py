@@ -21,7 +21,7 @@ BURSTS = 6.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FactorFinding:
-    """How much of the residual follows one factor.
+    """Share of the residual that follows one factor.
 
     `excess` is its chi-square beyond what noise gives on average; `score` takes off what its
     finer resolution costs; `p_value` is over all factors of its kind.
@@ -77,11 +77,11 @@ class Judgement:
     ----------
     verdict : str
     explained_share : float
-        Of the excess chi-square that is explained or located.
+        Share of the excess chi-square that is explained.
     rest : tuple of FactorFinding
-        What is left after the named effects, by factor.
+        Remainder after the named effects, by factor.
     loud, loud_noise : bool
-        Whether something that repeats, or something that does not, is left.
+        True where something that repeats, or something that does not, is left.
     bursts : float
     """
 
@@ -94,7 +94,7 @@ class Judgement:
 
     @property
     def names_stand(self) -> bool:
-        """Whether names stand, bare or in alias sets."""
+        """True where names stand, bare or in alias sets."""
         return self.verdict in ("named", "alias")
 
 
@@ -106,7 +106,7 @@ def judge(
     Parameters
     ----------
     view : View
-        Of the model with the effects found.
+        View of the model with the effects found.
     result : SearchState
     nulls : NullDistributions
     rules : Rules
@@ -161,7 +161,7 @@ def withdraw_if_factor_explains_more(
     judgement : Judgement
     result : SearchState
     places : sequence of FactorFinding
-        Of the present model's residual.
+        Factors of the present model's residual.
     """
     quiet = not (judgement.loud or judgement.loud_noise)
     if quiet or not judgement.names_stand:

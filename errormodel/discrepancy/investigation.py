@@ -56,7 +56,7 @@ class Measurement(ABC, Generic[Gap, Proposal]):
     name : str
         For lines of progress; may be empty.
     parts_name : str
-        Of what is held out: runs, cycles.
+        Name of what is held out: runs, cycles.
     known_noise : NoiseFit or None
         None where it is to be estimated.
     """
@@ -81,7 +81,7 @@ class Measurement(ABC, Generic[Gap, Proposal]):
 
     @abstractmethod
     def parts(self, choices: Sequence[Choice]) -> Sequence[int]:
-        """Return what is to be held out, one after another; none where there is nothing to hold."""
+        """Return the parts to be held out, one after another; none where there are too few."""
 
     @abstractmethod
     def without_part(self, part: int) -> "Measurement[Gap, Proposal]":
@@ -129,7 +129,7 @@ AnyMeasurement = TypeVar("AnyMeasurement", bound=Measurement[Any, Any])
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Settings:
-    """How an investigation is made.
+    """Settings of an investigation.
 
     Attributes
     ----------
@@ -137,7 +137,7 @@ class Settings:
     draws : int
         Simulated nulls that calibrate every statistic.
     seed : int
-        Of the draws.
+        Seed of the draws.
     workers : int
         Threads that simulate them; the verdict does not depend on it.
     tell : callable
@@ -201,7 +201,7 @@ class Conclusion(Generic[Gap, Proposal]):
     experiment : Proposal or None
     refuted : tuple of Refuted
     rival : object
-        What outside the library the names were held against, a slow drift say; None: nothing.
+        A rival outside the library that the names were held against, such as a slow drift.
     """
 
     judgement: Judgement

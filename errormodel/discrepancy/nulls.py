@@ -63,17 +63,18 @@ class NullDistributions:
     Attributes
     ----------
     gains : mapping of str to NullDistribution
-        Of each candidate's gain; of an effect that does not repeat, its likelihood ratio.
+        Distribution of each candidate's gain; for an event, of its likelihood ratio.
     shapes : tuple of NoiseModel
         Over which those likelihoods are maximised.
     least : mapping of bool to NullDistribution
-        Of −ln of the smallest p-value over the events, and over the candidates that repeat.
+        Distribution of −ln of the smallest p-value over the events, and over the candidates that
+        repeat.
     events : frozenset of str
         Names of the events.
     factors : mapping of str to NullDistribution
-        Of each factor's share of chi-square.
+        Distribution of each factor's share of chi-square.
     least_factor : mapping of bool to NullDistribution
-        Of −ln of the smallest p-value over the repeatable factors, and over the others.
+        Distribution of −ln of the smallest p-value over the repeatable factors, and the others.
     """
 
     gains: dict[str, NullDistribution]
@@ -130,7 +131,7 @@ def simulate_nulls(
     ----------
     problem : Problem
     floor : NoiseFit
-        Of the measured residual.
+        Noise of the measured residual.
     draws : int
     rng : numpy.random.Generator
     workers : int

@@ -23,18 +23,18 @@ Theta = tuple[float, ...]
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Signature:
-    """What an effect would leave in the residual, at given nonlinear parameters.
+    """Pattern that an effect would leave in the residual, at given nonlinear parameters.
 
     The residual with the effect is ``base · b + columns · c + offset`` with b, c free.
 
     Attributes
     ----------
     columns : ndarray, shape (n, k)
-        What the effect adds; k = 0 for an effect that only changes an input.
+        Columns that the effect adds; k = 0 for an effect that only changes an input.
     base : ndarray, shape (n, p), optional
         The baseline's columns when the effect changes them too.
     offset : ndarray, shape (n,), optional
-        What the effect does with no free coefficient.
+        Change by the effect that has no free coefficient.
     """
 
     columns: FloatArray
@@ -104,7 +104,7 @@ class Problem:
         Everything that would repeat in a new run, for the noise to be judged beside.
     factors : tuple of Factor
     noise : NoiseModel, optional
-        When it is known; white, of unit sigma.
+        The noise where it is known; white, of unit sigma.
     events : frozenset of str
         Names of effects that a new run would not repeat.
     bounded : ndarray of bool, shape (n,), optional

@@ -51,7 +51,7 @@ def joint_block(view: View, least: float) -> tuple[Choice, ...]:
     Parameters
     ----------
     view : View
-        Of the present model.
+        View of the present model.
     least : float
         Chi-square beyond its parameters that each must explain beside the others.
     """

@@ -24,7 +24,7 @@ class Slot:
     gain : float
         Chi-square it explains beside the other effects.
     p_value : float
-        Of that gain, over the library.
+        Its p-value over the library.
     rivals : tuple of (str, float)
         Every other effect with how far its score lies below, nearest first.
     alias : tuple of str
@@ -40,7 +40,7 @@ class Slot:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class SearchTask:
-    """What a search is given.
+    """A search to be made.
 
     Attributes
     ----------
@@ -48,7 +48,7 @@ class SearchTask:
     floor : NoiseFit
         The noise of the present model's residual.
     nulls : NullDistributions
-        Of the statistics under that noise.
+        Null distributions of the statistics under that noise.
     rules : Rules
     recalibrate : callable, optional
         Simulates null distributions beside an event that has entered.
@@ -66,7 +66,7 @@ class SearchTask:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class SearchState:
-    """How far a search has come; the last state is its result.
+    """Progress of a search; the last state is its result.
 
     Attributes
     ----------
@@ -90,8 +90,8 @@ class SearchState:
     over_wander : float
         Twice the log-likelihood of the events found, less that of a smooth wander in their place.
     started : tuple of str
-        Of the effects found, those that the search began with: terms of the present model's own
-        equation, which it lacked at once.
+        Effects found that the search began with: terms of the present model's own equation, which
+        it lacked at once.
     """
 
     task: SearchTask

@@ -42,27 +42,27 @@ def _without_rests(times: TimeBase) -> FloatArray:
 
 
 def over_wander(
-    problem: Problem, shapes: Sequence[NoiseModel], columns: FloatArray, unknowns: int
+    problem: Problem, shapes: Sequence[NoiseModel], columns: FloatArray, parameters: int
 ) -> float:
     """Return twice the log-likelihood of events less that of a wander in their place.
 
-    Each is taken beside the noise that suits it best, and pays for its unknowns (Akaike).
+    Each is taken beside the noise that suits it best, and pays for its parameters (Akaike).
 
     Parameters
     ----------
     problem : Problem
-        Of the model without the events.
+        Problem of the model without the events.
     shapes : sequence of NoiseModel
     columns : ndarray, shape (n, k)
-        What the events add.
-    unknowns : int
-        Theirs, nonlinear ones too.
+        Columns that the events add.
+    parameters : int
+        Number of the events' parameters, nonlinear ones too.
     """
     judge = RestrictedLikelihood(problem.times, problem.base)
     series = [waves(at_s) for at_s in (problem.times.elapsed_s, _without_rests(problem.times))]
     pairs = np.array([_pair(judge, s, problem.residual, columns, series) for s in shapes])
     named, wandering = pairs.max(axis=0).tolist()
-    return 2.0 * (named - unknowns - wandering + 1.0)
+    return 2.0 * (named - parameters - wandering + 1.0)
 
 
 def _pair(

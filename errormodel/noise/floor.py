@@ -21,7 +21,7 @@ SLOWEST_SPANS = 0.5
 # Shapes whose log-likelihood is this far below the best are not drawn from: 3 sigma.
 REACH = 4.5
 MOST_SHAPES = 24  # of these, that a search keeps: more would only lie between them
-# What each family must gain over white noise: its number of unknowns (Akaike).
+# Log-likelihood that each family must gain over white noise: its number of parameters (Akaike).
 PENALTY = {"white": 0.0, "flicker": 1.0, "walk": 1.0, "drift": 2.0}
 
 
@@ -97,7 +97,7 @@ def _search_drift(like: Callable[[NoiseModel], float], times: TimeBase) -> None:
 def _search_one(
     like: Callable[[NoiseModel], float], shape_of: Callable[[float], NoiseModel]
 ) -> None:
-    """Try a family of one unknown, its ratio to the white variance."""
+    """Try a family of one parameter, its ratio to the white variance."""
     found = optimize.minimize_scalar(
         lambda r: -like(shape_of(float(np.exp(r)))),
         bounds=(np.log(1e-3), np.log(1e3)),

@@ -64,7 +64,7 @@ class NoiseModel:
 
     @property
     def shape(self) -> "NoiseModel":
-        """The same noise with a white sigma of one."""
+        """Noise of the same shape with a white sigma of one."""
         return replace(self, white=1.0, drift=self.drift / self.white)
 
     def scaled(self, factor: float) -> "NoiseModel":

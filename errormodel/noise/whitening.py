@@ -18,7 +18,7 @@ from errormodel.record import Record
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TimeBase:
-    """When the samples were taken, and how much white noise each has.
+    """Times of the samples, and the relative white noise of each.
 
     Parameters
     ----------

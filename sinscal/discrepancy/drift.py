@@ -25,7 +25,7 @@ def against_drift(
     Parameters
     ----------
     before : FilterProblem
-        Of the present model.
+        Filter of the present model.
     verdict : Judgement
     result : SearchState
     """
@@ -52,7 +52,7 @@ def against_drift(
 def _evidence(slot: Slot, single: dict[str, EffectTest]) -> float:
     """Return the evidence of a named effect beside the others.
 
-    What it explains is the search's; what its number of unknowns takes off is that of it alone.
+    The chi-square explained is the search's; the cost of its parameters is that of it alone.
     """
     alone = single.get(slot.choice.name)
     return 0.5 * slot.gain - (0.5 * alone.chi2 - alone.evidence if alone else 0.0)

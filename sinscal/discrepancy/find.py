@@ -1,4 +1,4 @@
-"""Which physical effect is missing from the rig filter's model, found in its innovations."""
+"""The verdict on a rig run: the physical effect that the filter's model lacks."""
 
 from dataclasses import dataclass
 
@@ -68,7 +68,7 @@ class RigDiscrepancy(Conclusion[CycleGap, str]):
     channel : str or None
         The channel in which the excess is largest.
     rms_before, rms_after, floor : dict of str to float
-        Of innovations by channel, m/s² and rad; the floor is what the noise gives.
+        Rms of innovations by channel, m/s² and rad; the floor is that of the noise.
     gaps : tuple of CycleGap
         By cycle, of the filters of the present and the larger model; those of `held_out` are with
         the effects chosen and sized by the other cycles alone.
@@ -117,7 +117,7 @@ def find_rig_discrepancy(
     draws : int
         Simulated nulls that calibrate every statistic; of a run of many hours fewer are made.
     seed : int
-        Of the draws.
+        Seed of the draws.
     tell : callable, optional
         Takes a line of progress.
 

@@ -41,7 +41,7 @@ def gap_of_cycle(before: FilterProblem, k: int, chosen: Sequence[Choice]) -> Cyc
     Parameters
     ----------
     before : FilterProblem
-        Of the present model, over all cycles.
+        Filter of the present model, over all cycles.
     k : int
         The cycle, from 0.
     chosen : sequence of Choice

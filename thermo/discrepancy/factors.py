@@ -1,4 +1,4 @@
-"""What a chamber run's residual may follow, and all of it that would repeat in a new run."""
+"""Factors that a chamber run's residual may follow, and all that would repeat in a new run."""
 
 import numpy as np
 from scipy.interpolate import BSpline

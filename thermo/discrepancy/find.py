@@ -47,7 +47,7 @@ class Discrepancy(Conclusion[RunGap, Experiment]):
     before, after : Fitted
         The present model and the enlarged one, fitted under the noise found: parameters, sigmas.
     plain_before, plain_after : Fitted
-        The same with readings weighed alike: residuals.
+        Both models with readings weighed alike: residuals.
     effects : tuple of EffectFound
     where : FactorFinding or None
         The factor that carries the excess.
@@ -115,7 +115,7 @@ def find_discrepancy(
     draws : int
         Simulated nulls that calibrate every statistic.
     seed : int
-        Of the draws.
+        Seed of the draws.
     workers : int
         Threads that simulate them; the verdict does not depend on it.
     tell : callable, optional
@@ -195,7 +195,7 @@ def _discrepancy(
 def _fit_first(source: ThermalSource, result: SearchState, after: Fitted) -> tuple[str, ...]:
     """Return the terms of the equation that the present model lacks at once.
 
-    What has no effect in these runs, force along the output axis say, they do not call for.
+    Terms without effect in these runs, such as of force along the output axis, are left out.
     """
     slots = [s for s in result.slots if s.choice.name in result.started]
     names = [name for s in slots for name in source.form_of(s.choice).terms]

@@ -1,8 +1,8 @@
-"""What noise alone leaves on a run that was not fitted, for the gap to be measured against.
+"""Residual that noise alone leaves on a run that was not fitted: the floor of a gap.
 
 The scale is the data's own: what is left in these runs beside everything that repeats. The noise
-found only says how much of itself such a rich mean takes away, and how much more a prediction
-carries (the error of the coefficients, the drift of the run predicted).
+found only says how much of itself a mean of so many columns takes away, and how much more a
+prediction carries (the error of the coefficients, the drift of the run predicted).
 """
 
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Which missing effects a planned test could show, and which it could not tell apart."""
+"""Missing effects that a planned test could show, and those it could not tell apart."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -18,7 +18,7 @@ from thermo.twin.planted import plain_accelerometer
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EffectsForeseen:
-    """What `discrepancy` could say of a planned test.
+    """Effects that a planned test cannot show or tell apart.
 
     Attributes
     ----------
@@ -56,7 +56,7 @@ def foresee_effects(
     t_ref_c : float
         Reference temperature, °C.
     mount_deg : float
-        How far the accelerometer is mounted turned on the head, °.
+        Angle by which the accelerometer is turned on the head, °.
     effects : sequence of ThermalEffect
         The library.
     """

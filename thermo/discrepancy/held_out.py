@@ -62,10 +62,10 @@ def gap_of_run(
     Parameters
     ----------
     source : ThermalSource
-        Of all runs.
+        Source of all runs.
     run : str
     others : ThermalSource
-        Of the other runs.
+        Source of the other runs.
     chosen : sequence of Choice
     """
     channel = source.channel

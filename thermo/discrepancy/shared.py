@@ -75,7 +75,7 @@ class Unlike:
 
     @property
     def sentence(self) -> str:
-        """Why it is no name."""
+        """The reason why its name does not stand, in words."""
         return (
             f"{self.effect} is left out: it is the {self.owner}'s, which {', '.join(self.serials)} "
             f"shared, and would be alike in all of them; it is not (chi-square {self.excess:.0f} "
@@ -106,7 +106,7 @@ def unlike_effects(of: SearchedChannel, every: Sequence[SearchedChannel]) -> tup
             continue
         second = _compared(effect, group, beside_equation=True)
         if not (second.alike and second.common > of.result.rules.further):
-            refuted.append(first.told(effect, group))
+            refuted.append(first.evidence_against(effect, group))
     return tuple(refuted)
 
 
@@ -155,7 +155,7 @@ class _Comparison:
     def alike(self) -> bool:
         return self.freedom < 1 or float(stats.chi2.sf(self.excess, self.freedom)) > ALPHA
 
-    def told(self, effect: ThermalEffect, group: Sequence[SearchedChannel]) -> Unlike:
+    def evidence_against(self, effect: ThermalEffect, group: Sequence[SearchedChannel]) -> Unlike:
         return Unlike(
             effect=effect.name,
             serials=tuple(s.serial for s in group),
@@ -207,7 +207,7 @@ class _Normal:
     def gain(self) -> tuple[float, int]:
         """Return the chi-square that the columns explain, and in how many directions.
 
-        What is next to nothing of a column, beside the others, tells nothing.
+        A column of which hardly anything is left beside the others tells nothing.
         """
         scale = np.sqrt(np.where(self.lengths2 > 0.0, self.lengths2, 1.0))
         values, vectors = np.linalg.eigh(self.matrix / np.outer(scale, scale))

@@ -65,7 +65,7 @@ class ThermalSource:
 
     @cached_property
     def factors(self) -> tuple[Factor, ...]:
-        """What the residual may follow."""
+        """Factors that the residual may follow."""
         return factors_of(self.seen)
 
     @cached_property

@@ -1,4 +1,4 @@
-"""The verdict on a rig run told: as JSON, in words, and as the larger model."""
+"""The verdict on a rig run: as JSON, in words, and as the larger model."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any

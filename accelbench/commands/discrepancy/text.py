@@ -1,4 +1,4 @@
-"""A verdict told: as the JSON of `accelbench discrepancy`, and in words."""
+"""A verdict as the JSON of `accelbench discrepancy thermal`, and in words."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any
