@@ -12,7 +12,7 @@ them of one variance, evenly spaced in the logarithm of the correlation time.
 """
 
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, TypeVar
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from errormodel.arrays import FloatArray
 from errormodel.noise.whitening import BlockWhitener, SlowProcesses, TimeBase, Whitener
 from errormodel.record import Record
 
+Steps = TypeVar("Steps", float, FloatArray)
 Family = Literal["white", "drift", "walk", "flicker"]
 
 # A walk is a process this many times slower than the longest run, begun from zero.
@@ -102,14 +103,14 @@ class NoiseModel:
             total += variance * min(1.0, 2.0 * (1.0 - kept))
         return float(total)
 
-    def drift_step(self, step_s: float) -> tuple[float, float]:
-        """Return what drift keeps over a step, and the sigma of what comes to it.
+    def drift_step(self, step_s: Steps) -> tuple[Steps, Steps]:
+        """Return what drift keeps over a step, or steps, and the sigma of what comes to it.
 
         The state form of a single drift: d(t + step) = keep · d(t) + sigma · w with w of unit
         variance.
         """
-        keep = float(np.exp(-step_s / self.drift_tau_s))
-        return keep, self.drift * float(np.sqrt(1.0 - keep * keep))
+        keep: Steps = np.exp(-step_s / self.drift_tau_s)
+        return keep, self.drift * np.sqrt(1.0 - keep * keep)
 
     def whitener(self, times: TimeBase) -> Whitener:
         """Return what decorrelates whole columns on a time base, in units of `white`."""

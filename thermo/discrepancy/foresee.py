@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from errormodel.constants import T_REF_C
 from errormodel.discrepancy.foresight import SAME, foresee
 from errormodel.discrepancy.scan import View
 from thermo.discrepancy.baseline import bare_baseline
@@ -43,7 +44,7 @@ class EffectsForeseen:
 def foresee_effects(
     runs: Sequence[RunPlan],
     *,
-    t_ref_c: float = 25.0,
+    t_ref_c: float = T_REF_C,
     mount_deg: float = 0.0,
     effects: Sequence[ThermalEffect] = EFFECTS,
 ) -> EffectsForeseen:

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from errormodel.arrays import FloatArray
+from errormodel.constants import T_REF_C
 from errormodel.filter.kalman import Innovation
 from errormodel.filter.recursive import RecursiveFit, start_recursive
 from errormodel.noise.model import NoiseModel
@@ -19,7 +20,6 @@ from thermo.planning.foresight import ASSUMED_NOISE
 from thermo.station.outcome import Event, Progress
 from thermo.store.records import ReadingRow
 
-T_REF_C = 25.0
 # Unknowns: the output's scale and bias, quadratic and cubic in (T − 25 °C)/50 °C, the misalignment,
 # and what is proportional to a_i² and a_i·a_p.
 SCALE_ORDER, BIAS_ORDER = 2, 3
