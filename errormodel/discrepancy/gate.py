@@ -6,11 +6,11 @@ from typing import Literal
 
 import numpy as np
 
-from errormodel.discrepancy.choices import Rules
 from errormodel.discrepancy.nulls import NullDistributions
-from errormodel.discrepancy.ranking import residual_of
 from errormodel.discrepancy.scan import View
-from errormodel.discrepancy.state import SearchState
+from errormodel.discrepancy.search.choices import Rules
+from errormodel.discrepancy.search.ranking import residual_of
+from errormodel.discrepancy.search.state import SearchState
 
 Verdict = Literal["named", "alias", "unexplained_repeatable", "unexplained_noise", "nothing"]
 # What one resolved direction of a factor costs when factors are compared (ln of some 20 samples).

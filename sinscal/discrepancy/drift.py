@@ -7,7 +7,7 @@ the names together, they are withdrawn, and where it is about as probable it joi
 from dataclasses import replace
 
 from errormodel.discrepancy.gate import Judgement
-from errormodel.discrepancy.state import SearchState, Slot
+from errormodel.discrepancy.search.state import SearchState, Slot
 from sinscal.calibration.effect_tests import EffectTest
 from sinscal.sensitivity.drift import Drift, drift_of
 from sinscal.sensitivity.problem import FilterProblem

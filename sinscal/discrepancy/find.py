@@ -4,11 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from errormodel.discrepancy.choices import Choice, Rules
 from errormodel.discrepancy.foresight import NAMEABLE_D, Foresight
 from errormodel.discrepancy.gate import FactorFinding
 from errormodel.discrepancy.investigation import Conclusion, Settings, Tell, investigate
-from errormodel.discrepancy.state import Slot
+from errormodel.discrepancy.search.choices import Choice, Rules
+from errormodel.discrepancy.search.state import Slot
 from errormodel.noise.model import NoiseModel
 from sinscal.calibration.noise import noise_of_run
 from sinscal.calibration.rig import Mode

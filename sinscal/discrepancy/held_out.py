@@ -15,7 +15,7 @@ import numpy as np
 from scipy import linalg
 
 from errormodel.arrays import FloatArray
-from errormodel.discrepancy.choices import Choice
+from errormodel.discrepancy.search.choices import Choice
 from errormodel.linear import independent
 from sinscal.library import rig_library
 from sinscal.recording.run import BoolArray

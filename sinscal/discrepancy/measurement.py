@@ -2,16 +2,16 @@
 
 from collections.abc import Sequence
 
-from errormodel.discrepancy.choices import Choice
 from errormodel.discrepancy.foresight import Foresight
 from errormodel.discrepancy.gate import (
     FactorFinding,
     Judgement,
     withdraw_if_factor_explains_more,
 )
-from errormodel.discrepancy.investigation import Measurement, Revision
+from errormodel.discrepancy.measurement import Measurement, Revision
 from errormodel.discrepancy.problem import Problem
-from errormodel.discrepancy.state import SearchState
+from errormodel.discrepancy.search.choices import Choice
+from errormodel.discrepancy.search.state import SearchState
 from errormodel.noise.model import NoiseModel, given_noise
 from sinscal.discrepancy.drift import against_drift
 from sinscal.discrepancy.held_out import CycleGap, gap_of_cycle

@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
-from errormodel.discrepancy.choices import Choice
 from errormodel.discrepancy.problem import Problem
+from errormodel.discrepancy.search.choices import Choice
 from errormodel.filter.steps import NO_GATE
 from errormodel.noise.model import NoiseModel
 from sinscal.calibration.rig import Mode, RigCalibration, calibrate

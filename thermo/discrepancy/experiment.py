@@ -10,12 +10,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from errormodel.discrepancy.choices import Choice
 from errormodel.discrepancy.gate import Judgement
-from errormodel.discrepancy.pairs import POINTS
 from errormodel.discrepancy.problem import Signature, Theta, columns_of
 from errormodel.discrepancy.scan import Prepared, View
-from errormodel.discrepancy.state import SearchState
+from errormodel.discrepancy.search.choices import Choice
+from errormodel.discrepancy.search.pairs import POINTS
+from errormodel.discrepancy.search.state import SearchState
 from errormodel.errors import InputError
 from errormodel.noise.model import NoiseFit
 from thermo.discrepancy.experiment_menu import Item, menu

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 from errormodel.arrays import rms
-from errormodel.discrepancy.choices import Rules
 from errormodel.discrepancy.gate import FactorFinding, Judgement
 from errormodel.discrepancy.investigation import Conclusion, Settings, Tell, investigate
-from errormodel.discrepancy.state import SearchState
+from errormodel.discrepancy.search.choices import Rules
+from errormodel.discrepancy.search.state import SearchState
 from errormodel.model import ErrorModel
 from errormodel.noise.model import NoiseFit
 from thermo.discrepancy.baseline import bare_baseline, fitted_baseline

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from errormodel.arrays import FloatArray, rms
-from errormodel.discrepancy.choices import Choice
+from errormodel.discrepancy.search.choices import Choice
 from errormodel.noise.model import NoiseModel
 from errormodel.terms import Term
 from thermo.discrepancy.source import Fitted, ThermalSource

@@ -5,12 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from errormodel.discrepancy.choices import Choice, Rules
 from errormodel.discrepancy.foresight import Foresight
 from errormodel.discrepancy.gate import Judgement
-from errormodel.discrepancy.investigation import Measurement, Searched
+from errormodel.discrepancy.measurement import Measurement, Searched
 from errormodel.discrepancy.problem import Problem
-from errormodel.discrepancy.state import SearchState
+from errormodel.discrepancy.search.choices import Choice, Rules
+from errormodel.discrepancy.search.state import SearchState
 from errormodel.noise.model import NoiseModel
 from thermo.discrepancy.experiment import Experiment, propose
 from thermo.discrepancy.held_out import RunGap, gap_of_run, reading_residual_ug

@@ -13,11 +13,11 @@ import numpy as np
 from scipy import stats
 
 from errormodel.arrays import FloatArray
-from errormodel.discrepancy.choices import Choice
 from errormodel.discrepancy.problem import Candidate, Theta, columns_of
-from errormodel.discrepancy.ranking import residual_of
 from errormodel.discrepancy.scan import NOTHING, Prepared, View
-from errormodel.discrepancy.state import SearchState
+from errormodel.discrepancy.search.choices import Choice
+from errormodel.discrepancy.search.ranking import residual_of
+from errormodel.discrepancy.search.state import SearchState
 from thermo.discrepancy.source import ThermalSource
 from thermo.library.effects import Cause, ThermalEffect
 

@@ -9,8 +9,8 @@ import numpy as np
 
 from errormodel.arrays import FloatArray
 from errormodel.columns import derivative
-from errormodel.discrepancy.choices import Choice
 from errormodel.discrepancy.problem import Candidate, Factor, Problem, Signature, Theta
+from errormodel.discrepancy.search.choices import Choice
 from errormodel.linear import independent
 from errormodel.model import ErrorModel
 from errormodel.noise.model import NoiseModel

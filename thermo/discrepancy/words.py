@@ -8,7 +8,7 @@ import numpy as np
 
 from errormodel.arrays import FloatArray
 from errormodel.discrepancy.gate import FactorFinding, Judgement
-from errormodel.discrepancy.state import SearchState
+from errormodel.discrepancy.search.state import SearchState
 from errormodel.model import ErrorModel
 from errormodel.noise.model import NoiseFit
 from thermo.discrepancy.source import Fitted, ThermalSource

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from errormodel.discrepancy.choices import Choice
 from errormodel.discrepancy.problem import Candidate, Factor, Problem, Signature
+from errormodel.discrepancy.search.choices import Choice
 from errormodel.noise.model import NoiseModel
 from errormodel.noise.whitening import TimeBase
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from errormodel.discrepancy.choices import Choice
+from errormodel.discrepancy.search.choices import Choice
 from errormodel.noise.model import NoiseModel, given_noise
 from tests.thermo.discrepancy.examples import carried_out, hidden_runs
 from thermo.discrepancy.baseline import bare_baseline

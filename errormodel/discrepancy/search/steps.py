@@ -3,20 +3,20 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from errormodel.discrepancy.adding import (
+from errormodel.discrepancy.search.adding import (
     enter_likeliest,
     renew_noise_beside_event,
     take_flexible_form,
     take_pair_instead,
 )
-from errormodel.discrepancy.choices import Choice
-from errormodel.discrepancy.settling import (
+from errormodel.discrepancy.search.choices import Choice
+from errormodel.discrepancy.search.settling import (
     compare_with_wander,
     forget_noise_without_effects,
     measure_gain,
     settle_slots,
 )
-from errormodel.discrepancy.state import SearchState, SearchTask, first_state
+from errormodel.discrepancy.search.state import SearchState, SearchTask, first_state
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,9 +11,9 @@ from itertools import combinations
 import numpy as np
 
 from errormodel.arrays import FloatArray
-from errormodel.discrepancy.choices import Choice
 from errormodel.discrepancy.problem import Candidate, Signature, columns_of
 from errormodel.discrepancy.scan import View
+from errormodel.discrepancy.search.choices import Choice
 
 # Of an effect whose nonlinear parameter has many points, so many are tried; a refit does the rest.
 POINTS = 9

@@ -5,10 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from errormodel.discrepancy.adding import renewed_noise
-from errormodel.discrepancy.choices import Choice
 from errormodel.discrepancy.events import events_of
-from errormodel.discrepancy.ranking import (
+from errormodel.discrepancy.scan import Found, Prepared, View
+from errormodel.discrepancy.search.adding import renewed_noise
+from errormodel.discrepancy.search.choices import Choice
+from errormodel.discrepancy.search.ranking import (
     Ranked,
     beside_own_noise,
     chi_square,
@@ -19,8 +20,7 @@ from errormodel.discrepancy.ranking import (
     ranked_events,
     simplest_first,
 )
-from errormodel.discrepancy.scan import Found, Prepared, View
-from errormodel.discrepancy.state import SearchState, Slot
+from errormodel.discrepancy.search.state import SearchState, Slot
 from errormodel.discrepancy.wander import over_wander
 
 ROUNDS = 2  # through all slots, while a rival takes the place of an effect

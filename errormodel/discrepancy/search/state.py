@@ -4,10 +4,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
-from errormodel.discrepancy.choices import Choice, Rules, Source
 from errormodel.discrepancy.nulls import NullDistributions
 from errormodel.discrepancy.problem import Problem
 from errormodel.discrepancy.scan import View
+from errormodel.discrepancy.search.choices import Choice, Rules, Source
 from errormodel.noise.model import NoiseFit, NoiseModel
 
 # Simulates the null distributions anew once the noise has been estimated beside an event.

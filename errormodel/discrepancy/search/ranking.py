@@ -7,7 +7,7 @@ from errormodel.arrays import FloatArray
 from errormodel.discrepancy.events import event_ratios, events_of, fixed, placed
 from errormodel.discrepancy.problem import Candidate, Signature
 from errormodel.discrepancy.scan import Found, Prepared, View
-from errormodel.discrepancy.state import SearchState
+from errormodel.discrepancy.search.state import SearchState
 
 # Scores this close are a tie: the effect with fewer parameters is put first.
 TIE = 2.0

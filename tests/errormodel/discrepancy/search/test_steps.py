@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from errormodel.discrepancy.choices import Rules
 from errormodel.discrepancy.foresight import foresee
 from errormodel.discrepancy.gate import judge
 from errormodel.discrepancy.nulls import NullDistributions, simulate_nulls
 from errormodel.discrepancy.scan import Prepared, View
-from errormodel.discrepancy.search import CLOSE, ROUND, search
-from errormodel.discrepancy.state import SearchState, SearchTask
+from errormodel.discrepancy.search.choices import Rules
+from errormodel.discrepancy.search.state import SearchState, SearchTask
+from errormodel.discrepancy.search.steps import CLOSE, ROUND, search
 from errormodel.noise.model import NoiseModel, given_noise
 from tests.errormodel.discrepancy.examples import LinearSource, linear_problem, time_base, waves
 

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from errormodel.arrays import FloatArray
-from errormodel.discrepancy.choices import Rules
 from errormodel.discrepancy.nulls import NullDistributions as Nulls
 from errormodel.discrepancy.nulls import simulate_nulls
-from errormodel.discrepancy.pairs import best_pair
 from errormodel.discrepancy.problem import Candidate, Problem, Signature
 from errormodel.discrepancy.scan import View
-from errormodel.discrepancy.search import search
-from errormodel.discrepancy.state import SearchTask
+from errormodel.discrepancy.search.choices import Rules
+from errormodel.discrepancy.search.pairs import best_pair
+from errormodel.discrepancy.search.state import SearchTask
+from errormodel.discrepancy.search.steps import search
 from errormodel.noise.model import NoiseModel, given_noise
 from tests.errormodel.discrepancy.examples import LinearSource, time_base, waves
 

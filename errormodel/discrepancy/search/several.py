@@ -13,11 +13,11 @@ from dataclasses import replace
 import numpy as np
 
 from errormodel.arrays import FloatArray
-from errormodel.discrepancy.choices import Choice
-from errormodel.discrepancy.ranking import chi_square, parameter_count
 from errormodel.discrepancy.scan import View
-from errormodel.discrepancy.search import search
-from errormodel.discrepancy.state import SearchState, SearchTask, Slot
+from errormodel.discrepancy.search.choices import Choice
+from errormodel.discrepancy.search.ranking import chi_square, parameter_count
+from errormodel.discrepancy.search.state import SearchState, SearchTask, Slot
+from errormodel.discrepancy.search.steps import search
 from errormodel.linear import independent
 
 

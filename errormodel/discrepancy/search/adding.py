@@ -3,9 +3,10 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-from errormodel.discrepancy.choices import Choice
-from errormodel.discrepancy.pairs import best_pair
-from errormodel.discrepancy.ranking import (
+from errormodel.discrepancy.scan import Prepared, View
+from errormodel.discrepancy.search.choices import Choice
+from errormodel.discrepancy.search.pairs import best_pair
+from errormodel.discrepancy.search.ranking import (
     Ranked,
     beside_own_noise,
     chi_square,
@@ -14,8 +15,7 @@ from errormodel.discrepancy.ranking import (
     ranked_by_gain,
     ranked_events,
 )
-from errormodel.discrepancy.scan import Prepared, View
-from errormodel.discrepancy.state import SearchState
+from errormodel.discrepancy.search.state import SearchState
 from errormodel.noise.floor import estimate_floor
 
 # The share of a pattern that effects before it imitate, from which it may be their ill-known shape.
