@@ -82,7 +82,7 @@ class Conclusion(Generic[Gap, Proposal]):
         Effects that the measurement cannot show.
     places : tuple of FactorFinding
         Every factor with how much of the excess it carries, the best first; none where nothing is.
-    held_out : tuple
+    held_out_parts : tuple
         The gap in every part held out.
     experiment : Proposal or None
     refuted : tuple of Refuted
@@ -95,7 +95,7 @@ class Conclusion(Generic[Gap, Proposal]):
     foresight: Foresight
     invisible: tuple[str, ...]
     places: tuple[FactorFinding, ...]
-    held_out: tuple[Gap, ...]
+    held_out_parts: tuple[Gap, ...]
     experiment: Proposal | None
     refuted: tuple[Refuted, ...]
     rival: object
@@ -153,7 +153,7 @@ def investigate(
             foresight=one.foresight,
             invisible=invisible,
             places=places,
-            held_out=hold_out(measurement, result, choices),
+            held_out_parts=hold_out(measurement, result, choices),
             experiment=measurement.next_experiment(result, judgement, invisible),
             refuted=one.refuted,
             rival=revision.rival,

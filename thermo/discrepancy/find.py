@@ -186,7 +186,7 @@ def _discrepancy(
         rms_before_ug=rms(reading_residual_ug(source.channel, plain[0])),
         rms_after_ug=rms(reading_residual_ug(source.channel, plain[1])),
         floor_ug=floor_ug(source, after, floor, result.problem(()).saturated),
-        heldout=gap_of_all(conclusion.held_out, source, choices),
+        heldout=gap_of_all(conclusion.held_out_parts, source, choices),
         shared=tuple(s for s in shared if serial in s.serials),
         fit_first=_fit_first(source, result, after) if choices else (),
     )
