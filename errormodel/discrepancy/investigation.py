@@ -153,7 +153,7 @@ def investigate(
             foresight=one.foresight,
             invisible=invisible,
             places=places,
-            held_out_parts=hold_out(measurement, result, choices),
+            held_out_parts=predict_parts(measurement, result, choices),
             experiment=measurement.next_experiment(result, judgement, invisible),
             refuted=one.refuted,
             rival=revision.rival,
@@ -254,7 +254,7 @@ def _judged(one: Searched[Any, Any]) -> tuple[Revision, tuple[FactorFinding, ...
     return one.measurement.revised(judgement, result, places), places
 
 
-def hold_out(
+def predict_parts(
     measurement: Measurement[Gap, Proposal], result: SearchState, choices: Sequence[Choice]
 ) -> tuple[Gap, ...]:
     """Predict each part from the others, the choice of effects repeated without it.

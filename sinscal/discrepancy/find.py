@@ -70,8 +70,8 @@ class RigDiscrepancy(Conclusion[CycleGap, str]):
     rms_before, rms_after, floor : dict of str to float
         Rms of innovations by channel, m/s² and rad; the floor is that of the noise.
     gaps : tuple of CycleGap
-        By cycle, of the filters of the present and the larger model; those of `held_out_parts` are with
-        the effects chosen and sized by the other cycles alone.
+        By cycle, of the filters of the present and the larger model; those of `held_out_parts` are
+        with the effects chosen and sized by the other cycles alone.
     smallest_nameable : dict of str to (float, str)
         Size of the effect's first visible parameter at strength seven, and its unit.
     """

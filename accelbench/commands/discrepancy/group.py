@@ -8,10 +8,14 @@ from accelbench.shell.lazy import LazyGroup
 DISCREPANCY_COMMANDS = {
     "thermal": (
         "discrepancy.thermal_command",
-        "thermal",
+        "discrepancy_thermal",
         "Name what the model of accelerometers over temperature lacks.",
     ),
-    "rig": ("discrepancy.rig_command", "rig", "Name what the model of a SINS on a rig lacks."),
+    "rig": (
+        "discrepancy.rig_command",
+        "discrepancy_rig",
+        "Name what the model of a SINS on a rig lacks.",
+    ),
 }
 
 

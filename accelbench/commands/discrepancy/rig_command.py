@@ -21,7 +21,7 @@ from sinscal.recording.join import join_runs
 from sinscal.recording.run import RigRun
 
 
-@click.command()
+@click.command("rig")
 @RUNS
 @click.option("--model", type=Path, help="MODEL.toml: the present model.")
 @click.option("--out", type=Path, help="MODEL.toml to write: the larger model.")
@@ -29,7 +29,7 @@ from sinscal.recording.run import RigRun
 @SEED
 @force_option
 @json_option
-def rig(
+def discrepancy_rig(
     files: tuple[Path, ...],
     model: Path | None,
     out: Path | None,

@@ -28,7 +28,7 @@ BARE = Path("bare")  # no file: k0 and k1, each quadratic in temperature
 NO_EXPERIMENT = "nothing is open that an experiment would settle: none written"
 
 
-@click.command()
+@click.command("thermal")
 @RUNS
 @click.option(
     "--model", type=Path, help="The present model: TERMS.toml, MODEL.json of a fit, or bare."
@@ -48,7 +48,7 @@ NO_EXPERIMENT = "nothing is open that an experiment would settle: none written"
 @trust_option
 @force_option
 @json_option
-def thermal(
+def discrepancy_thermal(
     files: tuple[Path, ...],
     model: Path | None,
     effects: Path | None,
