@@ -24,6 +24,11 @@ class Refuted(Protocol):
         """Name of the effect."""
         ...
 
+    @property
+    def sentence(self) -> str:
+        """The evidence in words."""
+        ...
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Revision:

@@ -12,7 +12,7 @@ them of one variance, evenly spaced in the logarithm of the correlation time.
 """
 
 from dataclasses import dataclass, replace
-from typing import Literal, TypeVar
+from typing import Literal, TypeVar, cast
 
 import numpy as np
 
@@ -109,8 +109,8 @@ class NoiseModel:
         The state form of a single drift: d(t + step) = keep · d(t) + sigma · w with w of unit
         variance.
         """
-        keep: Steps = np.exp(-step_s / self.drift_tau_s)
-        return keep, self.drift * np.sqrt(1.0 - keep * keep)
+        keep = np.exp(-step_s / self.drift_tau_s)
+        return cast(Steps, keep), cast(Steps, self.drift * np.sqrt(1.0 - keep * keep))
 
     def whitener(self, times: TimeBase) -> Whitener:
         """Return what decorrelates whole columns on a time base, in units of `white`."""

@@ -53,8 +53,6 @@ class NavNoise(InertialNoise):
         Of the attitude a cycle starts with.
     """
 
-    gyro: float
-    accel: float
     velocity_m_s: float = VELOCITY_FLOOR_M_S
     position_m: float = POSITION_FLOOR_M
     tilt_sigma_rad: float = 0.01

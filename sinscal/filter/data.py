@@ -8,7 +8,7 @@ from errormodel.arrays import FloatArray, IntArray
 from sinscal.filter.integrate import interval_rows
 from sinscal.filter.layout import RigLayout
 from sinscal.frames.attitude import rotation
-from sinscal.model.noise import SensorNoise
+from sinscal.model.noise import DriftingNoise
 from sinscal.model.sensors import Motion
 from sinscal.recording.abrupt import abrupt_rows
 from sinscal.recording.run import AXES, BoolArray, RigRun, rate_derivative
@@ -22,7 +22,7 @@ COUNT = 12.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class RigNoise(SensorNoise):
+class RigNoise(DriftingNoise):
     """Noise as the filter takes it.
 
     Attributes
@@ -31,8 +31,6 @@ class RigNoise(SensorNoise):
         How much the rotation axis moves across itself, rad/√Hz; that of the angle if not given.
     """
 
-    gyro: float
-    accel: float
     wobble: float | None = None
 
 

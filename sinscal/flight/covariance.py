@@ -50,6 +50,8 @@ class FlightNoise(InertialNoise):
         parameters' errors are left.
     """
 
+    gyro: float = 0.0
+    accel: float = 0.0
     alignment_s: float = 0.0
 
     def __post_init__(self) -> None:

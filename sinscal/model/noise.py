@@ -19,12 +19,12 @@ class InertialNoise:
         Densities, rad/s/√Hz and m/s²/√Hz.
     """
 
-    gyro: float = 0.0
-    accel: float = 0.0
+    gyro: float
+    accel: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SensorNoise(InertialNoise):
+class DriftingNoise(InertialNoise):
     """Noise of the sensors and of the rig's angle, with slow drift and counted increments.
 
     Attributes
@@ -64,3 +64,11 @@ class SensorNoise(InertialNoise):
     def drifts(self) -> bool:
         """True where there is slow drift."""
         return self.gyro_instability > 0.0 or self.accel_instability > 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SensorNoise(DriftingNoise):
+    """Noise as a simulator makes it; none unless given."""
+
+    gyro: float = 0.0
+    accel: float = 0.0
