@@ -13,6 +13,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from errormodel.arrays import FloatArray
+from errormodel.io.signed import read_json
 from errormodel.model import ErrorModel
 from sinscal.calibration.observability import observability
 from sinscal.combination.combine import Combination
@@ -23,7 +24,6 @@ from sinscal.judgement.result_file import (
     ResultContent,
     RigResult,
     checked_result,
-    read_json,
     signed,
 )
 from sinscal.library import rig_library

@@ -14,7 +14,7 @@ from errormodel.model import ErrorModel
 from errormodel.terms import Term
 from thermo.compensation.model_file import AccelerometerModel
 from thermo.library.terms import term
-from thermo.twin.plant import T_REF_C, EmulatedAccelerometer, emulated_accelerometer
+from thermo.twin.accelerometer import T_REF_C, EmulatedAccelerometer, emulated_accelerometer
 
 MICRO = 1e-6
 # All that a model with bias and scale factor quadratic in temperature holds.

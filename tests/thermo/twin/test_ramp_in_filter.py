@@ -10,7 +10,7 @@ from errormodel.noise.model import NoiseModel
 from errormodel.record import Record
 from tests.errormodel.noise.sampled import sampled
 from thermo.recording.runs import head_force_g
-from thermo.twin.plant import emulated_accelerometer
+from thermo.twin.accelerometer import emulated_accelerometer
 
 NOISE = NoiseModel(white=5e-6, drift=3e-6, drift_tau_s=3600.0)
 
