@@ -34,7 +34,7 @@ COMMANDS = {
     "rig": ("rig.group", "rig", "Plan, simulate and evaluate the rig calibration of a SINS."),
     "combine": ("combine.command", "combine", "Calibrate a SINS with its chamber models."),
     "discrepancy": (
-        "discrepancy.command",
+        "discrepancy.group",
         "discrepancy",
         "Name the effect that a model lacks, and add it.",
     ),

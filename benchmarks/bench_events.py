@@ -26,18 +26,19 @@ from benchmarks.blind.chamber.plan import recipe
 from benchmarks.blind.chamber.truth import write_set
 from errormodel.arrays import FloatArray
 from errormodel.discrepancy.events import POWERS, event_ratios, noise_menu
-from errormodel.discrepancy.floor import PENALTY, Restricted
-from errormodel.discrepancy.nulls import NullLaw
+from errormodel.discrepancy.nulls import NullDistribution
 from errormodel.discrepancy.problem import Candidate, Problem
 from errormodel.discrepancy.scan import View
-from errormodel.noise.shapes import NoiseShape, drifting
+from errormodel.noise.floor import PENALTY
+from errormodel.noise.likelihood import RestrictedLikelihood
+from errormodel.noise.model import NoiseModel, drifting
 from thermo.discrepancy.baseline import bare_baseline
 from thermo.discrepancy.source import ThermalSource
 from thermo.recording.channel import channel_of
 from thermo.recording.files import read_runs
 
 WHITE_UG = 5.0 / np.sqrt(6.0)  # of a block: six readings of 5 µg
-NOISES = {"white": NoiseShape(), "white + OU": drifting((3.0 / WHITE_UG) ** 2, 3600.0)}
+NOISES = {"white": NoiseModel(), "white + OU": drifting((3.0 / WHITE_UG) ** 2, 3600.0)}
 RUN_IN_H = 5.0
 EVENTS = ("run_in", "bias_drift", "turn_on_offset", "bias_step")
 NULLS = 300
@@ -51,7 +52,7 @@ def four_runs() -> Problem:
         write_set(folder, folder / "key.json", recipe("nothing", "P1", "white"), [1, 1])
         runs = read_runs([folder / "run.csv"])
     channel = channel_of(runs, runs.serials[0])
-    return ThermalSource(channel, bare_baseline(channel)).problem((), NoiseShape())
+    return ThermalSource(channel, bare_baseline(channel)).problem((), NoiseModel())
 
 
 def signatures(
@@ -74,17 +75,17 @@ def found(
     event: Candidate,
     residuals: FloatArray,
     nulls: FloatArray,
-    shapes: Sequence[NoiseShape],
+    shapes: Sequence[NoiseModel],
 ) -> tuple[float, float]:
     """Return the share of residuals in which the event is found, and the median ratio."""
-    law = NullLaw(event_ratios(problem, shapes, nulls, [event])[0])
+    null = NullDistribution(event_ratios(problem, shapes, nulls, [event])[0])
     ratios = event_ratios(problem, shapes, residuals, [event])[0]
-    return float(np.mean(law.p_values(ratios) < LUCK)), float(np.median(ratios))
+    return float(np.mean(null.p_values(ratios) < LUCK)), float(np.median(ratios))
 
 
-def likeliest(problem: Problem, shapes: Sequence[NoiseShape], residuals: FloatArray) -> NoiseShape:
+def likeliest(problem: Problem, shapes: Sequence[NoiseModel], residuals: FloatArray) -> NoiseModel:
     """Return the noise that most of the residuals are likeliest by, without an event."""
-    judge = Restricted(problem.times, problem.base)
+    judge = RestrictedLikelihood(problem.times, problem.base)
     values = [judge.evaluate(s, residuals)[0] - PENALTY[s.family] for s in shapes]
     best: list[int] = np.argmax(np.array(values), axis=0).tolist()
     return Counter(shapes[k] for k in best).most_common(1)[0][0]

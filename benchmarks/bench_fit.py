@@ -20,7 +20,7 @@ import numpy as np
 
 from errormodel.fit import fit, fit_many
 from errormodel.model import ErrorModel
-from errormodel.noise.drift import NoiseModel
+from errormodel.noise.model import NoiseModel
 from errormodel.record import Record
 from thermo.library import term
 

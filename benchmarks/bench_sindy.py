@@ -25,7 +25,7 @@ import numpy as np
 from pysindy.optimizers import STLSQ
 
 from errormodel.arrays import FloatArray
-from errormodel.noise.shapes import NoiseShape
+from errormodel.noise.model import NoiseModel
 from tests.thermo.discrepancy.examples import hidden_runs
 from thermo.discrepancy.baseline import bare_baseline
 from thermo.discrepancy.find import find_discrepancy
@@ -55,12 +55,12 @@ def columns_of(runs: RecordedRuns) -> tuple[FloatArray, FloatArray, list[str], F
     channel = channel_of(runs, "A")
     effects = [e for e in thermal_library().effects if e.name in LINEAR]
     source = ThermalSource(channel, bare_baseline(channel), effects)
-    problem = source.outline(NoiseShape())
+    problem = source.outline(NoiseModel())
     base, _ = np.linalg.qr(problem.base / np.linalg.norm(problem.base, axis=0))
     blocks: list[FloatArray] = []
     names: list[str] = []
     for candidate in problem.candidates:
-        own = candidate.prepared()[0].columns
+        own = candidate.grid_signatures[0].columns
         left = own - base @ (base.T @ own)
         shown = np.linalg.norm(left, axis=0) > 2e-3 * np.linalg.norm(own, axis=0)
         blocks.append(left[:, shown] / np.sqrt(np.mean(left[:, shown] ** 2, axis=0)))

@@ -56,3 +56,8 @@ def freeze(obj: object, **arrays: Any) -> None:
     """Set attributes of a frozen dataclass from its own `__post_init__`."""
     for name, value in arrays.items():
         object.__setattr__(obj, name, value)
+
+
+def rms(values: FloatArray) -> float:
+    """Return the root of the mean square."""
+    return float(np.sqrt(np.mean(values**2)))

@@ -25,8 +25,9 @@ from errormodel.linear import (
     triangle_of,
 )
 from errormodel.model import ErrorModel
-from errormodel.noise.drift import NoiseFit, NoiseModel, estimate_noise_of
-from errormodel.noise.whitening import Whitening, drift_product
+from errormodel.noise.drift_or_white import estimate_noise_of
+from errormodel.noise.model import NoiseFit, NoiseModel, given_noise
+from errormodel.noise.whitening import BlockWhitener, drift_product
 from errormodel.record import Record
 from errormodel.separability import Separability, separability
 
@@ -128,8 +129,8 @@ def fit(
     """
     output = _single_output(model, record)
     values = {**model.start_values(), **(start or {})}
-    known = _given(noise) if isinstance(noise, NoiseModel) else noise
-    weights = known.noise if known and weighting == "noise" else NoiseModel(white=1.0)
+    known = given_noise(noise) if isinstance(noise, NoiseModel) else noise
+    weights = known.noise if known and weighting == "noise" else NoiseModel()
     values = _solve(model, record, output, weights, values, check=True)
     columns, residual = _linearised(model, record, output, values)
     own = [model.names.index(name) for name in by_run if name in model.names]
@@ -161,14 +162,10 @@ def fit_values(
     """
     output = _single_output(model, record)
     given = {**model.start_values(), **(start or {})}
-    values = _solve(model, record, output, NoiseModel(white=1.0), given, check=True)
+    values = _solve(model, record, output, NoiseModel(), given, check=True)
     if model.parameters:
         _refuse(examine(model, record, values))
     return values
-
-
-def _given(noise: NoiseModel) -> NoiseFit:
-    return NoiseFit(noise=noise, support=((1.0, noise),))
 
 
 def _linearised(
@@ -231,11 +228,11 @@ def whitened_products(
     parameters: Mapping[str, float],
 ) -> Iterator[tuple[slice, FloatArray]]:
     """Yield readings with their whitened products, the output beside them, block by block."""
-    whitening: Whitening | None = None
+    whitener: BlockWhitener | None = None
     for rows, design in model.designs(record, parameters):
         joint = np.column_stack([design.products(), output[rows]])
-        whitening = whitening or noise.whitening(joint.shape[1])
-        yield rows, whitening.whiten(record.view(rows), joint) / noise.white
+        whitener = whitener or noise.block_whitener(joint.shape[1])
+        yield rows, whitener.whiten(record.view(rows), joint) / noise.white
 
 
 def _examined(model: ErrorModel, data: Compressed, values: Mapping[str, float]) -> Separability:
@@ -321,7 +318,7 @@ def expected_covariance(
         In the order of `model.names`.
     """
     columns = Columns(model, record, values)
-    return _equal_covariance(record, columns, _given(noise).support)[0]
+    return _equal_covariance(record, columns, given_noise(noise).support)[0]
 
 
 def _equal_covariance(
@@ -358,10 +355,10 @@ def _noise_covariance(
     steps: list[FloatArray] = []
     covs: list[FloatArray] = []
     for _, noise in support:
-        whitening, whitened = noise.whitening(p + 1), np.zeros((0, p + 1))
+        whitener, whitened = noise.block_whitener(p + 1), np.zeros((0, p + 1))
         for rows, block in columns.blocks():
             joint = np.column_stack([block / norms, residual[rows]])
-            white = whitening.whiten(record.view(rows), joint) / noise.white
+            white = whitener.whiten(record.view(rows), joint) / noise.white
             whitened = triangle_of(white, whitened)
         inverse = linalg.pinv(whitened[:p, :p])
         steps.append(inverse @ whitened[:p, -1])
@@ -403,7 +400,7 @@ def fit_many(
         raise ValueError("fit_many takes models without nonlinear parameters")
     if record.output is None or record.output.ndim != 2:
         raise ValueError("the record must have outputs of shape (n, m)")
-    shape = noise or NoiseModel(white=1.0)
+    shape = noise or NoiseModel()
     start = model.start_values()
     products = model.design(record, start)[0].products()
     p = products.shape[1]

@@ -94,3 +94,19 @@ def solve_compressed(
     weights, _ = model.product_weights(values)
     residual = data.target.T - weights @ data.triangle.T
     return values, information, np.sum(residual**2, axis=1) + data.rest2
+
+
+def independent(columns: FloatArray, share: float = 1e-6) -> FloatArray:
+    """Return an orthonormal basis of the columns' span, shape (n, rank).
+
+    Columns are brought to unit length first; directions below `share` of the largest are dropped.
+    """
+    norms = np.linalg.norm(columns, axis=0)
+    scaled = columns[:, norms > 0] / norms[norms > 0]
+    if scaled.shape[1] == 0:
+        return np.zeros((columns.shape[0], 0))
+    values, vectors = np.linalg.eigh(scaled.T @ scaled)
+    kept = values > max(share, 1e-11) * values[-1]
+    basis = scaled @ (vectors[:, kept] / np.sqrt(values[kept]))
+    # rounding leaves the columns this much short of orthonormal: 1e-10 at the least share but one
+    return basis if share >= 1e-6 else np.linalg.qr(basis)[0]

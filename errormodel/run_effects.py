@@ -28,7 +28,7 @@ from scipy import optimize, stats
 from errormodel.arrays import FloatArray, IntArray
 from errormodel.blocks import parts_of_runs
 from errormodel.columns import Columns
-from errormodel.noise.drift import NoiseModel
+from errormodel.noise.model import NoiseModel
 from errormodel.record import Record
 
 OCTAVES = 15
@@ -81,10 +81,10 @@ def run_grams(
     """Return the Gram matrix of each run's whitened columns and residual, (runs, p + 1, p + 1)."""
     width, runs = columns.shape[1] + 1, record.run_slices
     grams = np.zeros((len(runs), width, width))
-    whitening = noise.whitening(width)  # it begins afresh with each run
+    whitener = noise.block_whitener(width)  # it begins afresh with each run
     for rows, block in columns.blocks():
         joint = np.column_stack([block, residual[rows]])
-        white = whitening.whiten(record.view(rows), joint)
+        white = whitener.whiten(record.view(rows), joint)
         for number, part in parts_of_runs(runs, rows):
             mine = white[part.start - rows.start : part.stop - rows.start]
             grams[number] += mine.T @ mine

@@ -1,7 +1,7 @@
 """Where results may be written: never over an input, and over an old result only when told so."""
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -155,6 +155,18 @@ class Results:
             self.files.append((out, content().encode()))
             self.document["out"] = str(out)
             self.text.append(f"{kind}: {out}")
+
+    def add_files(
+        self,
+        key: str,
+        out: Path,
+        files: Sequence[tuple[Path, bytes]],
+        lines: Iterable[RenderableType],
+    ) -> None:
+        """Add files that go together, told under `key` by the name asked for; null: none."""
+        self.files += files
+        self.document[key] = str(out) if files else None
+        self.text += lines
 
     def add_report(self, folder: Path | None, pages: Callable[[], Mapping[str, bytes]]) -> None:
         """Add a report's files when it is asked for."""

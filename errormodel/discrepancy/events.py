@@ -2,8 +2,8 @@
 
 A step, an offset of a run, a slow relaxation: beside a mean without them they pose as slow noise,
 and the noise so found hides them. So the statistic is a likelihood ratio: the best likelihood over
-noise shapes with the effect in the mean against the best without it. The price is that some of
-them cannot be told from a random walk, and that is true.
+noise shapes with the effect in the mean against the best without it. Some of
+them cannot be told from a random walk then.
 """
 
 from collections.abc import Sequence
@@ -13,24 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from errormodel.arrays import FloatArray
-from errormodel.discrepancy.floor import PENALTY, REACH, NoiseFloor, Restricted
-from errormodel.discrepancy.problem import (
-    Candidate,
-    Problem,
-    Signature,
-    Theta,
-    columns_of,
-    independent,
-)
+from errormodel.discrepancy.problem import Candidate, Problem, Signature, Theta, columns_of
 from errormodel.discrepancy.scan import Prepared, View
-from errormodel.noise.shapes import (
-    SLOWEST_SPANS,
-    NoiseShape,
-    TimeBase,
-    drifting,
-    flicker,
-    walking,
-)
+from errormodel.linear import independent
+from errormodel.noise.floor import PENALTY, REACH, SLOWEST_SPANS
+from errormodel.noise.likelihood import RestrictedLikelihood
+from errormodel.noise.model import NoiseFit, NoiseModel, drifting, flicker, walking
+from errormodel.noise.whitening import TimeBase
 
 MOST_SHAPES = 12  # without an event, over which likelihoods are maximised
 MOST_BESIDE = 5  # beside each event
@@ -47,7 +36,7 @@ def events_of(problem: Problem) -> tuple[Candidate, ...]:
     return tuple(c for c in problem.candidates if c.event)
 
 
-def shapes_allowed(problem: Problem, floor: NoiseFloor) -> tuple[NoiseShape, ...]:
+def shapes_allowed(problem: Problem, floor: NoiseFit) -> tuple[NoiseModel, ...]:
     """Return the noise shapes that the data allow without an event, and beside each one.
 
     An event is first put where it is likeliest over shapes of every kind: a step that is off by a
@@ -61,25 +50,25 @@ def shapes_allowed(problem: Problem, floor: NoiseFloor) -> tuple[NoiseShape, ...
     columns: list[FloatArray] = [np.zeros((len(problem.times), 0))]
     for candidate in events_of(problem):
         columns.append(columns_of(candidate.signature(placed(passing, probes, candidate).theta)))
-    judge = Restricted(problem.times, problem.saturated)
+    judge = RestrictedLikelihood(problem.times, problem.saturated)
     menu = tuple(
-        dict.fromkeys((*(s for _, s in floor.support), *noise_menu(problem.times, POWERS, 4)))
+        dict.fromkeys((*(s.shape for _, s in floor.support), *noise_menu(problem.times, POWERS, 4)))
     )
     beside = np.array(
         [judge.beside(s, problem.residual, columns) - PENALTY[s.family] for s in menu]
     )
-    kept = [s for _, s in floor.support[:MOST_SHAPES]]
+    kept = [s.shape for _, s in floor.support[:MOST_SHAPES]]
     for likelihoods in beside.T:
         order = np.argsort(-likelihoods)[:MOST_BESIDE]
         kept += [menu[k] for k in order.tolist() if likelihoods[k] > likelihoods.max() - REACH]
     return tuple(dict.fromkeys(kept))
 
 
-def noise_menu(times: TimeBase, powers: Sequence[float], taus: int) -> tuple[NoiseShape, ...]:
+def noise_menu(times: TimeBase, powers: Sequence[float], taus: int) -> tuple[NoiseModel, ...]:
     """Return noise shapes of every kind: white, and slow parts of these powers."""
     between = np.geomspace(5.0 * times.step_s, SLOWEST_SPANS * times.span_s, taus).tolist()
     return (
-        NoiseShape(),
+        NoiseModel(),
         *(drifting(r, t) for r in powers for t in between),
         *(walking(r, times, continued=c) for r in powers for c in (True, False)),
         *(flicker(r, times) for r in powers),
@@ -98,19 +87,19 @@ def _with_base(problem: Problem, base: FloatArray, residual: FloatArray) -> Prob
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Placed:
-    """Where an event is likeliest, and twice its log-likelihood ratio there."""
+    """The likeliest place of an event, and twice its log-likelihood ratio there."""
 
     theta: Theta
     ratio: float
 
 
-def placed(problem: Problem, shapes: Sequence[NoiseShape], candidate: Candidate) -> Placed:
+def placed(problem: Problem, shapes: Sequence[NoiseModel], candidate: Candidate) -> Placed:
     """Return where an event is likeliest: on its grid, then about the highest peaks on it.
 
     The grid's best may lie where a run begins, a step there being free under slow noise; the
     likelihood of a sharp step a minute away from its instant is no peak to rely on.
     """
-    ratios = _ratios(problem, shapes, candidate.prepared())
+    ratios = _ratios(problem, shapes, candidate.grid_signatures)
     k = int(np.argmax(ratios))
     best = Placed(theta=candidate.grid[k], ratio=float(ratios[k]))
     about = [t for peak in _peaks(ratios) for t in _about(candidate, candidate.grid[peak])]
@@ -130,7 +119,7 @@ def _peaks(ratios: FloatArray) -> list[int]:
 
 
 def _ratios(
-    problem: Problem, shapes: Sequence[NoiseShape], signatures: Sequence[Signature]
+    problem: Problem, shapes: Sequence[NoiseModel], signatures: Sequence[Signature]
 ) -> FloatArray:
     points = [fixed(s) for s in signatures]
     return event_ratios(problem, shapes, problem.residual[:, None], points)[:, 0]
@@ -155,7 +144,7 @@ def _about(candidate: Candidate, theta: Theta) -> tuple[Theta, ...]:
 
 def event_ratios(
     problem: Problem,
-    shapes: Sequence[NoiseShape],
+    shapes: Sequence[NoiseModel],
     residuals: FloatArray,
     candidates: Sequence[Candidate] | None = None,
     pool: Executor | None = None,
@@ -168,7 +157,7 @@ def event_ratios(
     Parameters
     ----------
     problem : Problem
-    shapes : sequence of NoiseShape
+    shapes : sequence of NoiseModel
         Over which the likelihood is maximised, with each effect and without.
     residuals : ndarray, shape (n, D)
     candidates : sequence of Candidate, optional
@@ -177,13 +166,13 @@ def event_ratios(
         Threads, each with a noise shape of its own.
     """
     events = events_of(problem) if candidates is None else tuple(candidates)
-    judge = Restricted(problem.times, problem.base)
+    judge = RestrictedLikelihood(problem.times, problem.base)
     beside = _with_base(problem, judge.mean, problem.residual)
 
-    def likelihoods(shape: NoiseShape) -> tuple[FloatArray, FloatArray]:
+    def likelihoods(shape: NoiseModel) -> tuple[FloatArray, FloatArray]:
         plain, sigma = judge.evaluate(shape, residuals)
         plain = plain - PENALTY[shape.family]
-        view = View(beside, shape, 1.0)
+        view = View(beside, shape.shape)
         gains = Prepared(view, events).null_gains(view.white(residuals))
         share = np.clip(gains / (sigma**2 * judge.dof), 0.0, 1.0 - 1e-12)
         return plain, plain - 0.5 * judge.dof * np.log1p(-share)

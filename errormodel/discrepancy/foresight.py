@@ -1,4 +1,4 @@
-"""What a measurement can show, before its residual is looked at."""
+"""Foresight: effects that a measurement can show, before its residual is looked at."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ SAME = 0.98
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Foresight:
-    """What can be shown of each candidate.
+    """Visibility of each candidate in a measurement.
 
     Attributes
     ----------
@@ -56,20 +56,20 @@ def foresee(view: View, candidates: Sequence[Candidate]) -> Foresight:
     view : View
     candidates : sequence of Candidate
     """
-    middle = [columns_of(c.prepared()[len(c.grid) // 2])[:, 0] for c in candidates]
+    middle = [columns_of(c.grid_signatures[len(c.grid) // 2])[:, 0] for c in candidates]
     targets = view.beside_base(view.white(np.column_stack(middle)))
     total = np.sum(targets**2, axis=0)
     imitated = np.zeros((len(candidates), len(candidates)))
     invisible: list[str] = []
     for j, candidate in enumerate(candidates):
-        linear = [Signature(columns=columns_of(s)) for s in candidate.prepared()]
+        linear = [Signature(columns=columns_of(s)) for s in candidate.grid_signatures]
         points = view.points(linear)
         if not any(p.basis.shape[1] for p in points):
             invisible.append(candidate.name)
             continue
         gains = view.gains(points, targets).max(axis=0)
         imitated[:, j] = np.divide(gains, total, out=np.zeros_like(gains), where=total > 1e-12)
-    least = {c.name: _least(view, c) for c in candidates if c.prepared()[0].offset is not None}
+    least = {c.name: _least(view, c) for c in candidates if c.grid_signatures[0].offset is not None}
     seen = np.array([_seen(view, c) for c in candidates])
     strength = seen * np.array([c.name not in least for c in candidates])
     return Foresight(
@@ -83,7 +83,7 @@ def foresee(view: View, candidates: Sequence[Candidate]) -> Foresight:
 
 def _seen(view: View, candidate: Candidate) -> float:
     """Return the whitened length of an effect's first column that the measurement shows."""
-    middle = columns_of(candidate.prepared()[len(candidate.grid) // 2])
+    middle = columns_of(candidate.grid_signatures[len(candidate.grid) // 2])
     white = view.white(middle)
     left = np.linalg.norm(view.beside_base(white), axis=0)
     shown = left > NOTHING * np.linalg.norm(white, axis=0) + ROUNDING
@@ -92,7 +92,7 @@ def _seen(view: View, candidate: Candidate) -> float:
 
 def _least(view: View, candidate: Candidate) -> float:
     """Return the smallest parameter at which an effect without a coefficient can be named."""
-    strengths = np.array([view.strength(s) for s in candidate.prepared()])
+    strengths = np.array([view.strength(s) for s in candidate.grid_signatures])
     values = np.array([theta[0] for theta in candidate.grid])
     enough = np.flatnonzero(strengths >= NAMEABLE_D)
     if enough.size == 0:

@@ -1,14 +1,16 @@
-"""Where the residual disagrees, and whether the names found account for it."""
+"""The place of a disagreement, and the verdict on whether the names found account for it."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
-from errormodel.discrepancy.choices import Rules, SearchResult
-from errormodel.discrepancy.nulls import Calibration
-from errormodel.discrepancy.ranking import residual_of
+from errormodel.discrepancy.nulls import NullDistributions
 from errormodel.discrepancy.scan import View
+from errormodel.discrepancy.search.choices import Rules
+from errormodel.discrepancy.search.ranking import residual_of
+from errormodel.discrepancy.search.state import SearchState
 
 Verdict = Literal["named", "alias", "unexplained_repeatable", "unexplained_noise", "nothing"]
 # What one resolved direction of a factor costs when factors are compared (ln of some 20 samples).
@@ -19,7 +21,7 @@ BURSTS = 6.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FactorFinding:
-    """How much of the residual follows one factor.
+    """Share of the residual that follows one factor.
 
     `excess` is its chi-square beyond what noise gives on average; `score` takes off what its
     finer resolution costs; `p_value` is over all factors of its kind.
@@ -32,20 +34,20 @@ class FactorFinding:
     p_value: float
 
 
-def locate(view: View, laws: Calibration) -> tuple[FactorFinding, ...]:
+def locate(view: View, nulls: NullDistributions) -> tuple[FactorFinding, ...]:
     """Return every factor with how much it carries, the best place first."""
     data = view.data[:, None]
     found: list[FactorFinding] = []
     for factor in view.problem.factors:
         gain = float(view.factor_gains(factor, data)[0])
-        law = laws.factors[factor.name]
-        p_value = laws.p_factor_family(law.p_value(gain), repeatable=factor.repeatable)
-        score = gain - PER_DIRECTION * law.mean
+        null = nulls.factors[factor.name]
+        p_value = nulls.p_factor_family(null.p_value(gain), repeatable=factor.repeatable)
+        score = gain - PER_DIRECTION * null.mean
         found.append(
             FactorFinding(
                 name=factor.name,
                 repeatable=factor.repeatable,
-                excess=gain - law.mean,
+                excess=gain - null.mean,
                 score=score,
                 p_value=p_value,
             )
@@ -75,11 +77,11 @@ class Judgement:
     ----------
     verdict : str
     explained_share : float
-        Of the excess chi-square that is explained or located.
+        Share of the excess chi-square that is explained.
     rest : tuple of FactorFinding
-        What is left after the named effects, by factor.
+        Remainder after the named effects, by factor.
     loud, loud_noise : bool
-        Whether something that repeats, or something that does not, is left.
+        True where something that repeats, or something that does not, is left.
     bursts : float
     """
 
@@ -90,23 +92,28 @@ class Judgement:
     loud_noise: bool
     bursts: float
 
+    @property
+    def names_stand(self) -> bool:
+        """True where names stand, bare or in alias sets."""
+        return self.verdict in ("named", "alias")
+
 
 def judge(
-    view: View, result: SearchResult, laws: Calibration, rules: Rules, *, too_much_drift: bool
+    view: View, result: SearchState, nulls: NullDistributions, rules: Rules, *, too_much_drift: bool
 ) -> Judgement:
     """Judge whether the names found account for the disagreement.
 
     Parameters
     ----------
     view : View
-        Of the model with the effects found.
-    result : SearchResult
-    laws : Calibration
+        View of the model with the effects found.
+    result : SearchState
+    nulls : NullDistributions
     rules : Rules
     too_much_drift : bool
         The noise itself is more than it may be.
     """
-    rest = locate(view, laws)
+    rest = locate(view, nulls)
     repeating = [f for f in rest if f.repeatable and f.p_value < rules.alpha_rest]
     passing = [f for f in rest if not f.repeatable and f.p_value < rules.alpha_rest]
     spikes = bursts(view)
@@ -138,27 +145,36 @@ def _is_event(view: View, name: str) -> bool:
     return name in view.problem.events
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Conclusion:
-    """What every search ends with, whatever was measured.
+def withdraw_if_factor_explains_more(
+    judgement: Judgement, result: SearchState, places: Sequence[FactorFinding]
+) -> Judgement:
+    """Withdraw names that explain clearly less than a factor alone does.
 
-    Attributes
+    A factor sees a part of what is there, and the effects that are truly missing explain all of it.
+    So where a factor explains more, by more than it gains of noise in all but a share `alpha_rest`
+    of cases, what is there is something else: a slow drift, for instance, which a jump and two
+    effects more would follow in part. Where the names leave nothing, they stand: a factor that
+    explains more then follows the linearisation.
+
+    Parameters
     ----------
     judgement : Judgement
-    result : SearchResult
+    result : SearchState
+    places : sequence of FactorFinding
+        Factors of the present model's residual.
     """
-
-    judgement: Judgement
-    result: SearchResult
-
-    @property
-    def verdict(self) -> Verdict:
-        """One of named, alias, unexplained_repeatable, unexplained_noise, nothing."""
-        return self.judgement.verdict
-
-    @property
-    def alias_sets(self) -> tuple[tuple[str, ...], ...]:
-        """Effects that these data cannot tell apart."""
-        if self.verdict != "alias":
-            return ()
-        return tuple(s.alias for s in self.result.slots if len(s.alias) > 1)
+    quiet = not (judgement.loud or judgement.loud_noise)
+    if quiet or not judgement.names_stand:
+        return judgement
+    expected = sum(result.nulls.expected_gain(c.name) for c in result.found)
+    explained = result.explained - expected
+    for place in places:
+        null = result.nulls.factors[place.name]
+        by_chance = float(np.quantile(null.draws, 1.0 - result.rules.alpha_rest)) - null.mean
+        if place.excess - by_chance > explained:
+            return replace(
+                judgement,
+                verdict="unexplained_repeatable" if place.repeatable else "unexplained_noise",
+                explained_share=max(explained, 0.0) / place.excess,
+            )
+    return judgement

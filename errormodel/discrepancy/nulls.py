@@ -1,12 +1,13 @@
-"""What every statistic does when nothing is missing: simulated, the noise re-estimated each time.
+"""Null distributions of every statistic: simulated, the noise estimated anew each time.
 
 Draws take their noise from all shapes the data allow, by their likelihood, and each draw's noise
-is estimated anew before its statistics are formed: not knowing the noise is part of the law. The
-tail of each statistic is an exponential fitted to the uppermost draws, a fifth of them but no more
-than a hundred: the further out, the more nearly the tail is one. The smallest p-value of the
-library has a law of its own, from the same draws.
+is estimated anew before its statistics are formed: not knowing the noise is part of the
+distribution. The tail of each statistic is an exponential fitted to the uppermost draws, a fifth of
+them but no more than a hundred: the further out, the more nearly the tail is one. The smallest
+p-value of the library has a distribution of its own, from the same draws.
 """
 
+from collections.abc import Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass
 
@@ -14,11 +15,13 @@ import numpy as np
 
 from errormodel.arrays import FloatArray
 from errormodel.discrepancy.events import event_ratios, shapes_allowed
-from errormodel.discrepancy.floor import PENALTY, NoiseFloor, Restricted
 from errormodel.discrepancy.problem import Problem
 from errormodel.discrepancy.scale import Scales
 from errormodel.discrepancy.scan import Prepared, View
-from errormodel.noise.shapes import NoiseShape, TimeBase
+from errormodel.noise.floor import PENALTY
+from errormodel.noise.likelihood import RestrictedLikelihood
+from errormodel.noise.model import NoiseFit, NoiseModel
+from errormodel.noise.whitening import TimeBase
 
 TAIL_SHARE = 0.2
 TAIL_MOST = 100  # draws: an exponential's scale is then known to a tenth
@@ -26,8 +29,8 @@ PART = 250  # draws that are worked on together, for the memory they take
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class NullLaw:
-    """The law of one statistic when nothing is missing, from draws of it."""
+class NullDistribution:
+    """Distribution of one statistic when nothing is missing, from draws of it."""
 
     draws: FloatArray
 
@@ -41,7 +44,7 @@ class NullLaw:
         return float(self.p_values(np.array([value]))[0])
 
     def p_values(self, values: FloatArray) -> FloatArray:
-        """Return the same for many values."""
+        """Return the probabilities of many values."""
         ordered = np.sort(self.draws)
         share = min(TAIL_SHARE, TAIL_MOST / ordered.size)
         edge = float(np.quantile(ordered, 1.0 - share))
@@ -54,31 +57,36 @@ class NullLaw:
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Calibration:
-    """The null laws of a problem.
+class NullDistributions:
+    """The null distributions of a problem.
 
     Attributes
     ----------
-    gains : mapping of str to NullLaw
-        Of each candidate's gain; of an effect that does not repeat, its likelihood ratio.
-    shapes : tuple of NoiseShape
+    gains : mapping of str to NullDistribution
+        Distribution of each candidate's gain; for an event, of its likelihood ratio.
+    shapes : tuple of NoiseModel
         Over which those likelihoods are maximised.
-    least : mapping of bool to NullLaw
-        Of −ln of the smallest p-value over the events, and over the candidates that repeat.
+    least : mapping of bool to NullDistribution
+        Distribution of −ln of the smallest p-value over the events, and over the candidates that
+        repeat.
     events : frozenset of str
         Names of the events.
-    factors : mapping of str to NullLaw
-        Of each factor's share of chi-square.
-    least_factor : mapping of bool to NullLaw
-        Of −ln of the smallest p-value over the repeatable factors, and over the others.
+    factors : mapping of str to NullDistribution
+        Distribution of each factor's share of chi-square.
+    least_factor : mapping of bool to NullDistribution
+        Distribution of −ln of the smallest p-value over the repeatable factors, and the others.
     """
 
-    gains: dict[str, NullLaw]
-    shapes: tuple[NoiseShape, ...]
-    least: dict[bool, NullLaw]
+    gains: dict[str, NullDistribution]
+    shapes: tuple[NoiseModel, ...]
+    least: dict[bool, NullDistribution]
     events: frozenset[str]
-    factors: dict[str, NullLaw]
-    least_factor: dict[bool, NullLaw]
+    factors: dict[str, NullDistribution]
+    least_factor: dict[bool, NullDistribution]
+
+    def expected_gain(self, name: str) -> float:
+        """Return the expected null gain of a candidate: what it explains of noise on average."""
+        return self.gains[name].mean if name in self.gains else 0.0
 
     def p_of(self, name: str, gain: float) -> float:
         """Return the p-value of one candidate's gain, taken alone."""
@@ -87,8 +95,8 @@ class Calibration:
     def p_family(self, name: str, gain: float) -> float:
         """Return the p-value of a candidate's gain over all candidates of its kind."""
         alone = self.p_of(name, gain)
-        law = self.least[name in self.events]
-        return law.p_value(-float(np.log(max(alone, 1e-300))))
+        null = self.least[name in self.events]
+        return null.p_value(-float(np.log(max(alone, 1e-300))))
 
     def p_factor_family(self, p_alone: float, *, repeatable: bool) -> float:
         """Return the p-value of the smallest p-value over the factors of a kind."""
@@ -96,7 +104,7 @@ class Calibration:
 
 
 def draw_noise(
-    times: TimeBase, floor: NoiseFloor, count: int, rng: np.random.Generator
+    times: TimeBase, floor: NoiseFit, count: int, rng: np.random.Generator
 ) -> FloatArray:
     """Draw noise of all shapes the data allow, shape (n, count), in units of the white sigma."""
     weights = np.array([w for w, _ in floor.support])
@@ -109,44 +117,44 @@ def draw_noise(
     return out
 
 
-def calibrate(
+def simulate_nulls(
     problem: Problem,
-    floor: NoiseFloor,
+    floor: NoiseFit,
     *,
     draws: int,
     rng: np.random.Generator,
     workers: int = 1,
-) -> Calibration:
-    """Simulate the null laws of a problem's statistics.
+) -> NullDistributions:
+    """Simulate the null distributions of a problem's statistics.
 
     Parameters
     ----------
     problem : Problem
-    floor : NoiseFloor
-        Of the measured residual.
+    floor : NoiseFit
+        Noise of the measured residual.
     draws : int
     rng : numpy.random.Generator
     workers : int
-        Threads, each with a noise shape of its own; the laws do not depend on their number.
+        Threads, each with a noise shape of its own; the result does not depend on their number.
 
     Returns
     -------
-    Calibration
+    NullDistributions
     """
     noise = Scales(problem).normalised(draw_noise(problem.times, floor, draws, rng))
     for candidate in problem.candidates:
-        candidate.prepared()  # once, before the threads would each do it
+        _ = candidate.grid_signatures  # once, before the threads would each do it
     shapes_of_events = _shapes_of_events(problem, floor)
     with ThreadPoolExecutor(workers) as pool:
         gains, factors = _null_values(problem, floor, noise, pool)
         if shapes_of_events:  # an event counts with its likelihood ratio
             rows = [k for k, c in enumerate(problem.candidates) if c.event]
             gains[rows] = event_ratios(problem, shapes_of_events, noise, pool=pool)
-    return _laws(problem, gains, factors, shapes_of_events)
+    return _distributions(problem, gains, factors, shapes_of_events)
 
 
 def _null_values(
-    problem: Problem, floor: NoiseFloor, noise: FloatArray, pool: Executor
+    problem: Problem, floor: NoiseFit, noise: FloatArray, pool: Executor
 ) -> tuple[FloatArray, FloatArray]:
     """Return the gains of candidates and of factors, one column a draw.
 
@@ -158,11 +166,11 @@ def _null_values(
     gains = np.empty((len(problem.candidates), draws))
     factors = np.empty((len(problem.factors), draws))
 
-    def judge_by(shape: NoiseShape) -> None:
+    def judge_by(shape: NoiseModel) -> None:
         mine = np.flatnonzero([s == shape for s in shapes])
-        view = View(problem, shape, 1.0)
+        view = View(problem, shape)
         # a lag's own offset is in units of the residual; the draws are in those of its sigma
-        prepared = Prepared(View(problem, shape, floor.sigma), problem.candidates)
+        prepared = Prepared(View(problem, shape.scaled(floor.noise.white)), problem.candidates)
         for first in range(0, mine.size, PART):
             part = mine[first : first + PART]
             data = view.white(noise[:, part]) / sigmas[part]
@@ -174,7 +182,7 @@ def _null_values(
     return gains, factors
 
 
-def _shapes_of_events(problem: Problem, floor: NoiseFloor) -> tuple[NoiseShape, ...]:
+def _shapes_of_events(problem: Problem, floor: NoiseFit) -> tuple[NoiseModel, ...]:
     """Return the noise shapes that events are judged under; none where there are no events."""
     if problem.noise is not None or not any(c.event for c in problem.candidates):
         return ()
@@ -182,14 +190,14 @@ def _shapes_of_events(problem: Problem, floor: NoiseFloor) -> tuple[NoiseShape, 
 
 
 def _estimated(
-    problem: Problem, floor: NoiseFloor, noise: FloatArray
-) -> tuple[list[NoiseShape], FloatArray]:
+    problem: Problem, floor: NoiseFit, noise: FloatArray
+) -> tuple[list[NoiseModel], FloatArray]:
     """Return the shape and the white sigma that each draw would be judged by."""
     if problem.noise is not None:
         known: FloatArray = np.ones(int(noise.shape[1]))
         return [problem.noise] * known.size, known
-    judge = Restricted(problem.times, problem.saturated)
-    shapes = [s for _, s in floor.support]
+    judge = RestrictedLikelihood(problem.times, problem.saturated)
+    shapes = [s.shape for _, s in floor.support]
     judged = [judge.evaluate(s, noise) for s in shapes]
     likelihoods = [j[0] - PENALTY[s.family] for s, j in zip(shapes, judged, strict=True)]
     best: list[int] = np.argmax(np.array(likelihoods), axis=0).tolist()
@@ -197,38 +205,44 @@ def _estimated(
     return [shapes[k] for k in best], sigmas
 
 
-def _laws(
-    problem: Problem, gains: FloatArray, factors: FloatArray, shapes: tuple[NoiseShape, ...]
-) -> Calibration:
-    laws = {c.name: NullLaw(g) for c, g in zip(problem.candidates, gains, strict=True)}
-    factor_laws = {f.name: NullLaw(g) for f, g in zip(problem.factors, factors, strict=True)}
-    least = _least_by_kind([c.event for c in problem.candidates], list(laws.values()), gains)
+def _distributions(
+    problem: Problem, gains: FloatArray, factors: FloatArray, shapes: tuple[NoiseModel, ...]
+) -> NullDistributions:
+    of_gains = _named([c.name for c in problem.candidates], gains)
+    of_factors = _named([f.name for f in problem.factors], factors)
+    least = _least_by_kind([c.event for c in problem.candidates], list(of_gains.values()), gains)
     by_kind = _least_by_kind(
-        [f.repeatable for f in problem.factors], list(factor_laws.values()), factors
+        [f.repeatable for f in problem.factors], list(of_factors.values()), factors
     )
-    return Calibration(
-        gains=laws,
+    return NullDistributions(
+        gains=of_gains,
         shapes=shapes,
         least=least,
         events=frozenset(c.name for c in problem.candidates if c.event),
-        factors=factor_laws,
+        factors=of_factors,
         least_factor=by_kind,
     )
 
 
+def _named(names: Sequence[str], values: FloatArray) -> dict[str, NullDistribution]:
+    return {name: NullDistribution(own) for name, own in zip(names, values, strict=True)}
+
+
 def _least_by_kind(
-    kinds: list[bool], laws: list[NullLaw], values: FloatArray
-) -> dict[bool, NullLaw]:
-    made: dict[bool, NullLaw] = {}
+    kinds: list[bool], nulls: list[NullDistribution], values: FloatArray
+) -> dict[bool, NullDistribution]:
+    made: dict[bool, NullDistribution] = {}
     for kind in (True, False):
         rows = [k for k, own in enumerate(kinds) if own == kind]
-        made[kind] = NullLaw(_smallest([laws[k] for k in rows], values[rows]))
+        made[kind] = NullDistribution(_smallest([nulls[k] for k in rows], values[rows]))
     return made
 
 
-def _smallest(laws: list[NullLaw], values: FloatArray) -> FloatArray:
+def _smallest(nulls: list[NullDistribution], values: FloatArray) -> FloatArray:
     """Return −ln of the smallest p-value of each draw."""
-    if not laws:
+    if not nulls:
         return np.zeros(max(int(values.shape[-1]), 1))
-    p_values: list[FloatArray] = [law.p_values(own) for law, own in zip(laws, values, strict=True)]
+    p_values: list[FloatArray] = [
+        null.p_values(own) for null, own in zip(nulls, values, strict=True)
+    ]
     return -np.log(np.min(np.array(p_values, dtype=float), axis=0))

@@ -1,38 +1,40 @@
-"""What the engine asks of a measurement: residuals, the baseline's columns, candidate effects.
+"""A measurement as the engine takes it: residual, the baseline's columns, candidate effects.
 
 The engine knows no physics. A chamber run gives it the residual of its present model and lets it
 find the colour of the noise. A filter gives it its innovations, which are white already and have
-the baseline projected out, with `noise=NoiseShape()` and `sigma=1` given and `base` empty; a
+the baseline projected out, with `noise=NoiseModel()` given and `base` empty; a
 candidate's signature is then what the filter's own gains make of the effect (Willsky and Jones
 1976). Everything after that is the same regression.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from errormodel.arrays import FloatArray
-from errormodel.noise.shapes import NoiseShape, TimeBase
+from errormodel.noise.model import NoiseModel
+from errormodel.noise.whitening import TimeBase
 
 Theta = tuple[float, ...]
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Signature:
-    """What an effect would leave in the residual, at given nonlinear parameters.
+    """Pattern that an effect would leave in the residual, at given nonlinear parameters.
 
     The residual with the effect is ``base · b + columns · c + offset`` with b, c free.
 
     Attributes
     ----------
     columns : ndarray, shape (n, k)
-        What the effect adds; k = 0 for an effect that only changes an input.
+        Columns that the effect adds; k = 0 for an effect that only changes an input.
     base : ndarray, shape (n, p), optional
         The baseline's columns when the effect changes them too.
     offset : ndarray, shape (n,), optional
-        What the effect does with no free coefficient.
+        Change by the effect that has no free coefficient.
     """
 
     columns: FloatArray
@@ -45,7 +47,7 @@ def columns_of(signature: Signature) -> FloatArray:
     return signature.columns if signature.offset is None else signature.offset[:, None]
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Candidate:
     """An effect that may be missing.
 
@@ -53,9 +55,9 @@ class Candidate:
     lies in the right valley; `bounds` those of the refinement, or `finer` gives the points about
     one of the grid where the output does not change smoothly (neither: the grid is all there is).
     An event's size inflates the noise it is judged by, so the noise is estimated anew once it is
-    in the model. `richer` is a more supple member of the same family of shapes, tried before any
-    second effect is named. `joint` marks what belongs to the present model's own equation: all
-    such are offered together before causes are looked for beside them.
+    in the model. `flexible` is the effect's flexible form, of more parameters, tried before any
+    second effect is named. `joint` marks what belongs to the present model's own equation: all such
+    are offered together before causes are looked for beside them.
     """
 
     name: str
@@ -64,16 +66,13 @@ class Candidate:
     bounds: tuple[tuple[float, float], ...] = ()
     finer: Callable[[Theta], tuple[Theta, ...]] | None = None
     event: bool = False
-    richer: "Candidate | None" = None
+    flexible: "Candidate | None" = None
     joint: bool = False
-    grid_signatures: tuple[Signature, ...] = field(init=False, default=())
 
-    def prepared(self) -> tuple[Signature, ...]:
-        """Return the signatures of the grid, computed once."""
-        if not self.grid_signatures:
-            made = tuple(self.signature(theta) for theta in self.grid)
-            object.__setattr__(self, "grid_signatures", made)
-        return self.grid_signatures
+    @cached_property
+    def grid_signatures(self) -> tuple[Signature, ...]:
+        """The signatures at the points of the grid."""
+        return tuple(self.signature(theta) for theta in self.grid)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -99,13 +98,13 @@ class Problem:
     residual : ndarray, shape (n,)
         Measured less the present model.
     base : ndarray, shape (n, p)
-        Derivative of the present model by its unknowns.
+        Derivative of the present model by its parameters.
     candidates : tuple of Candidate
     saturated : ndarray, shape (n, m)
         Everything that would repeat in a new run, for the noise to be judged beside.
     factors : tuple of Factor
-    noise, sigma : NoiseShape, float, optional
-        When they are known.
+    noise : NoiseModel, optional
+        The noise where it is known; white, of unit sigma.
     events : frozenset of str
         Names of effects that a new run would not repeat.
     bounded : ndarray of bool, shape (n,), optional
@@ -121,8 +120,7 @@ class Problem:
     candidates: tuple[Candidate, ...]
     saturated: FloatArray
     factors: tuple[Factor, ...] = ()
-    noise: NoiseShape | None = None
-    sigma: float | None = None
+    noise: NoiseModel | None = None
     events: frozenset[str] = frozenset()
     bounded: NDArray[np.bool_] | None = None
     scaled: tuple[NDArray[np.bool_], ...] = ()
@@ -132,19 +130,3 @@ class Problem:
         for name in ("residual", "base", "saturated"):
             if getattr(self, name).shape[0] != n:
                 raise ValueError(f"{name} has {getattr(self, name).shape[0]} rows, expected {n}")
-
-
-def independent(columns: FloatArray, share: float = 1e-6) -> FloatArray:
-    """Return an orthonormal basis of the columns' span, shape (n, rank).
-
-    Columns are brought to unit length first; directions below `share` of the largest are dropped.
-    """
-    norms = np.linalg.norm(columns, axis=0)
-    scaled = columns[:, norms > 0] / norms[norms > 0]
-    if scaled.shape[1] == 0:
-        return np.zeros((columns.shape[0], 0))
-    values, vectors = np.linalg.eigh(scaled.T @ scaled)
-    kept = values > max(share, 1e-11) * values[-1]
-    basis = scaled @ (vectors[:, kept] / np.sqrt(values[kept]))
-    # rounding leaves the columns this much short of orthonormal: 1e-10 at the least share but one
-    return basis if share >= 1e-6 else np.linalg.qr(basis)[0]

@@ -3,7 +3,8 @@
 import numpy as np
 
 from errormodel.arrays import FloatArray
-from errormodel.discrepancy.problem import Problem, independent
+from errormodel.discrepancy.problem import Problem
+from errormodel.linear import independent
 
 
 class Scales:

@@ -1,4 +1,4 @@
-"""How much each candidate effect would explain, under a given noise: gains of chi-square."""
+"""Gains of chi-square: how much each candidate effect would explain under a noise."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,8 +7,10 @@ import numpy as np
 from scipy import optimize
 
 from errormodel.arrays import FloatArray
-from errormodel.discrepancy.problem import Candidate, Factor, Problem, Signature, Theta, independent
-from errormodel.noise.shapes import NoiseShape, Whitener
+from errormodel.discrepancy.problem import Candidate, Factor, Problem, Signature, Theta
+from errormodel.linear import independent
+from errormodel.noise.model import NoiseModel
+from errormodel.noise.whitening import Whitener
 
 # What is left of a column beside the others, as a share of its length, when it counts as nothing.
 NOTHING = 2e-3
@@ -30,18 +32,18 @@ class Point:
 
 
 class View:
-    """A problem under one noise: everything whitened by it, in units of its sigma."""
+    """A problem under one noise: everything whitened by it, in units of its white sigma."""
 
-    def __init__(self, problem: Problem, shape: NoiseShape, sigma: float) -> None:
+    def __init__(self, problem: Problem, noise: NoiseModel) -> None:
         self.problem = problem
-        self.shape, self.sigma = shape, sigma
-        self.whitener: Whitener = shape.whitener(problem.times)
+        self.noise = noise
+        self.whitener: Whitener = noise.whitener(problem.times)
         self.base = independent(self.white(problem.base))
         self.data = self.white(problem.residual)
 
     def white(self, columns: FloatArray) -> FloatArray:
         """Return columns whitened."""
-        return self.whitener.whiten(columns) / self.sigma
+        return self.whitener.whiten(columns) / self.noise.white
 
     def beside_base(self, white: FloatArray) -> FloatArray:
         """Return whitened columns with the baseline projected out."""
@@ -140,7 +142,7 @@ class Prepared:
     def __init__(self, view: View, candidates: Sequence[Candidate]) -> None:
         self.view = view
         self.candidates = tuple(candidates)
-        signatures = [c.prepared() for c in candidates]
+        signatures = [c.grid_signatures for c in candidates]
         points = view.points([s for many in signatures for s in many])
         self.points: list[list[Point]] = []
         for many in signatures:
@@ -227,16 +229,3 @@ def _refined(view: View, best: Found) -> Found:
     if gain <= best.gain:
         return best
     return Found(candidate=candidate, theta=theta, gain=gain, grid_gain=best.grid_gain)
-
-
-def absorbed(view: View, of: Signature, by: Prepared, index: int) -> float:
-    """Return the share of a signature that a candidate can imitate, 0 to 1, noise-free."""
-    column = of.offset if of.offset is not None else of.columns[:, 0]
-    white = view.beside_base(view.white(column))
-    total = float(white @ white)
-    if total <= 0.0:
-        return 0.0
-    plain = [p for p in by.points[index] if p.whole is None]
-    if not plain:
-        return 0.0
-    return float(np.max(view.gains(plain, white[:, None]))) / total

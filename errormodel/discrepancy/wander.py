@@ -11,12 +11,14 @@ closed form from one small eigenvalue problem.
 from collections.abc import Sequence
 
 import numpy as np
-from scipy import linalg
 
 from errormodel.arrays import FloatArray
-from errormodel.discrepancy.floor import PENALTY, Restricted
-from errormodel.discrepancy.problem import Problem, independent
-from errormodel.noise.shapes import NoiseShape, TimeBase
+from errormodel.discrepancy.problem import Problem
+from errormodel.linear import independent
+from errormodel.noise.floor import PENALTY
+from errormodel.noise.likelihood import RestrictedLikelihood
+from errormodel.noise.model import NoiseModel
+from errormodel.noise.whitening import TimeBase
 
 # Cosines over the measurement: the shortest has a period of a twentieth of it, and a sigma 1600
 # times less than the first.
@@ -40,53 +42,43 @@ def _without_rests(times: TimeBase) -> FloatArray:
 
 
 def over_wander(
-    problem: Problem, shapes: Sequence[NoiseShape], columns: FloatArray, unknowns: int
+    problem: Problem, shapes: Sequence[NoiseModel], columns: FloatArray, parameters: int
 ) -> float:
     """Return twice the log-likelihood of events less that of a wander in their place.
 
-    Each is taken beside the noise that suits it best, and pays for its unknowns (Akaike).
+    Each is taken beside the noise that suits it best, and pays for its parameters (Akaike).
 
     Parameters
     ----------
     problem : Problem
-        Of the model without the events.
-    shapes : sequence of NoiseShape
+        Problem of the model without the events.
+    shapes : sequence of NoiseModel
     columns : ndarray, shape (n, k)
-        What the events add.
-    unknowns : int
-        Theirs, nonlinear ones too.
+        Columns that the events add.
+    parameters : int
+        Number of the events' parameters, nonlinear ones too.
     """
-    judge = Restricted(problem.times, problem.base)
+    judge = RestrictedLikelihood(problem.times, problem.base)
     series = [waves(at_s) for at_s in (problem.times.elapsed_s, _without_rests(problem.times))]
     pairs = np.array([_pair(judge, s, problem.residual, columns, series) for s in shapes])
     named, wandering = pairs.max(axis=0).tolist()
-    return 2.0 * (named - unknowns - wandering + 1.0)
+    return 2.0 * (named - parameters - wandering + 1.0)
 
 
 def _pair(
-    judge: Restricted,
-    shape: NoiseShape,
+    judge: RestrictedLikelihood,
+    shape: NoiseModel,
     residual: FloatArray,
     columns: FloatArray,
     series: Sequence[FloatArray],
 ) -> tuple[float, float]:
     """Return the log-likelihoods with the columns in the mean, and with a wander of any size."""
-    whitener = shape.whitener(judge.times)
-    mean = whitener.whiten(judge.mean)
-    factor = linalg.cholesky(mean.T @ mean, lower=True, check_finite=False)
-    basis = linalg.solve_triangular(factor, mean.T, lower=True, check_finite=False).T
-
-    def beside(x: FloatArray) -> FloatArray:
-        white = whitener.whiten(x)
-        return white - basis @ (basis.T @ white)
-
-    rest = beside(residual)
-    total = float(rest @ rest)
-    log_det = whitener.log_det + 2.0 * float(np.sum(np.log(np.diag(factor))))
-    own = independent(beside(columns))
-    left = total - float(np.sum((own.T @ rest) ** 2))
+    projection = judge.projection(shape)
+    rest, log_det = projection.beside(residual), projection.log_det
+    own = independent(projection.beside(columns))
+    left = float(rest @ rest) - float(np.sum((own.T @ rest) ** 2))
     named = log_det + judge.dof * np.log(left / judge.dof)
-    wandering = [_wandering(beside(one), rest, judge.dof) for one in series]
+    wandering = [_wandering(projection.beside(one), rest, judge.dof) for one in series]
     penalty = PENALTY[shape.family]
     return -0.5 * named - penalty, -0.5 * (log_det + min(wandering)) - penalty
 

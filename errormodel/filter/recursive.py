@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from errormodel.arrays import FloatArray
 from errormodel.filter.kalman import Innovation, State, initial_state, propagate, update
-from errormodel.noise.drift import NoiseModel
+from errormodel.noise.model import NoiseModel
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -43,7 +43,9 @@ class RecursiveFit:
 
     def new_run(self) -> "RecursiveFit":
         """Return the estimate at the start of another run: the drift begins anew."""
-        return RecursiveFit(noise=self.noise, state=self._drifted(0.0), time_s=None)
+        return RecursiveFit(
+            noise=self.noise, state=self._drifted(0.0, self.noise.drift), time_s=None
+        )
 
     def step(
         self, time_s: float, columns: ArrayLike, reading: float
@@ -67,16 +69,16 @@ class RecursiveFit:
         if self.time_s is not None:
             if time_s <= self.time_s:
                 raise ValueError(f"time {time_s} s does not follow {self.time_s} s")
-            state = self._drifted(float(np.exp(-(time_s - self.time_s) / self.noise.drift_tau_s)))
+            state = self._drifted(*self.noise.drift_step(time_s - self.time_s))
         row = np.append(np.asarray(columns, dtype=float), 1.0)
         state, innovation = update(state, row, self.noise.white**2, reading)
         return RecursiveFit(noise=self.noise, state=state, time_s=time_s), innovation
 
-    def _drifted(self, keep: float) -> State:
+    def _drifted(self, keep: float, sigma: float) -> State:
         n = self.state.x.size
         phi, g = np.eye(n), np.zeros((n, 1))
         phi[-1, -1], g[-1, 0] = keep, 1.0
-        return propagate(self.state, phi, g, [self.noise.drift**2 * (1.0 - keep**2)])
+        return propagate(self.state, phi, g, [sigma**2])
 
 
 def start_recursive(noise: NoiseModel, prior: ArrayLike, prior_sigma: ArrayLike) -> RecursiveFit:

@@ -25,6 +25,7 @@ from sinscal.filter.layout import RigLayout
 from sinscal.filter.steps import force_steps, sensor_columns
 from sinscal.frames.attitude import rotvec_of
 from sinscal.frames.earth import Site
+from sinscal.model.noise import InertialNoise
 from sinscal.model.priors import RigPrior
 from sinscal.model.sensors import Motion, SensorModel
 from sinscal.recording.run import rate_derivative
@@ -40,13 +41,11 @@ POSITION_FLOOR_M = 0.01
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class NavNoise:
+class NavNoise(InertialNoise):
     """Noise of the sensors behind the outputs, and of the outputs themselves.
 
     Attributes
     ----------
-    gyro, accel : float
-        Densities, rad/s/√Hz and m/s²/√Hz.
     velocity_m_s, position_m : float
         Sigma of an output about the navigator's own value: rounding, and what the course between
         two outputs leaves open.
@@ -54,8 +53,6 @@ class NavNoise:
         Of the attitude a cycle starts with.
     """
 
-    gyro: float
-    accel: float
     velocity_m_s: float = VELOCITY_FLOOR_M_S
     position_m: float = POSITION_FLOOR_M
     tilt_sigma_rad: float = 0.01

@@ -6,8 +6,8 @@ the names together, they are withdrawn, and where it is about as probable it joi
 
 from dataclasses import replace
 
-from errormodel.discrepancy.choices import SearchResult, Slot
 from errormodel.discrepancy.gate import Judgement
+from errormodel.discrepancy.search.state import SearchState, Slot
 from sinscal.calibration.effect_tests import EffectTest
 from sinscal.sensitivity.drift import Drift, drift_of
 from sinscal.sensitivity.problem import FilterProblem
@@ -18,23 +18,23 @@ UNDECIDED = 5.0
 
 
 def against_drift(
-    before: FilterProblem, verdict: Judgement, result: SearchResult
-) -> tuple[Judgement, SearchResult, Drift | None]:
+    before: FilterProblem, verdict: Judgement, result: SearchState
+) -> tuple[Judgement, SearchState, Drift | None]:
     """Return verdict and result with drifts considered, and the drift that the run shows.
 
     Parameters
     ----------
     before : FilterProblem
-        Of the present model.
+        Filter of the present model.
     verdict : Judgement
-    result : SearchResult
+    result : SearchState
     """
     tests = tested_effects(effect_views(before.run, before.found, before.cycles), 1.0)
     shown = [t for t in tests.missing if drift_of(t, before.run.length_s)]
     if not shown:
         return verdict, result, None
     drift = drift_of(shown[0], before.run.length_s)
-    if verdict.verdict not in ("named", "alias"):
+    if not verdict.names_stand:
         return verdict, result, drift if shown[0] == tests.missing[0] else None
     single = {t.name: t for t in tests.tests}
     named = sum(_evidence(slot, single) for slot in result.slots)
@@ -52,7 +52,7 @@ def against_drift(
 def _evidence(slot: Slot, single: dict[str, EffectTest]) -> float:
     """Return the evidence of a named effect beside the others.
 
-    What it explains is the search's; what its number of unknowns takes off is that of it alone.
+    The chi-square explained is the search's; the cost of its parameters is that of it alone.
     """
     alone = single.get(slot.choice.name)
     return 0.5 * slot.gain - (0.5 * alone.chi2 - alone.evidence if alone else 0.0)

@@ -1,23 +1,19 @@
-"""Which physical effect is missing from the rig filter's model, found in its innovations."""
+"""The verdict on a rig run: the physical effect that the filter's model lacks."""
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from errormodel.discrepancy.choices import Choice, Rules, SearchResult, Slot
-from errormodel.discrepancy.floor import NoiseFloor
-from errormodel.discrepancy.foresight import NAMEABLE_D, foresee
-from errormodel.discrepancy.gate import Conclusion, FactorFinding, Judgement, judge, locate
-from errormodel.discrepancy.nulls import Calibration
-from errormodel.discrepancy.nulls import calibrate as simulate_nulls
-from errormodel.discrepancy.scan import View
-from errormodel.discrepancy.search import Search
-from errormodel.noise.shapes import NoiseShape
+from errormodel.discrepancy.foresight import NAMEABLE_D, Foresight
+from errormodel.discrepancy.gate import FactorFinding
+from errormodel.discrepancy.investigation import Conclusion, Settings, Tell, investigate
+from errormodel.discrepancy.search.choices import Choice, Rules
+from errormodel.discrepancy.search.state import Slot
+from errormodel.noise.model import NoiseModel
 from sinscal.calibration.noise import noise_of_run
 from sinscal.calibration.rig import Mode
-from sinscal.discrepancy.drift import against_drift
-from sinscal.discrepancy.held_out import CycleGap, gaps_by_cycle, held_out, rms_by_channel
+from sinscal.discrepancy.held_out import CycleGap, gaps_by_cycle, rms_by_channel
+from sinscal.discrepancy.measurement import RigInnovations
 from sinscal.discrepancy.noise import MeasuredNoise, measured_noise
 from sinscal.discrepancy.source import RigSource
 from sinscal.library import rig_library
@@ -28,14 +24,13 @@ from sinscal.recording.run import RigRun
 from sinscal.sensitivity.drift import Drift
 from sinscal.sensitivity.problem import FilterProblem
 
-# A jump of strength seven, the least that is to be named, explains 49, and luck some 10 of it: one
-# that explains less beside a strong effect follows what is not known of that one's shape.
+# A jump of strength seven, the least that is to be named, explains 49, and chance some 10 of it:
+# one that explains less beside a strong effect follows what is not known of that one's shape.
 RULES = Rules(further_event=Rules().further)
-DRAWS = 1000  # of which the uppermost hundred make the tail of a law
+DRAWS = 1000  # of which the uppermost hundred make the tail of a null distribution
 # Fewer, yet not fewer than so many, of a run so long that all draws would be more than a quarter of
 # a gigabyte.
 LEAST_DRAWS, MOST_NUMBERS = 200, 30_000_000
-Tell = Callable[[str], None]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -58,13 +53,11 @@ class RigEffectFound:
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class RigDiscrepancy(Conclusion):
+class RigDiscrepancy(Conclusion[CycleGap, str]):
     """The verdict on one rig run and what it stands on.
 
     Attributes
     ----------
-    judgement, result
-        Of every `Conclusion`.
     source : RigSource
     noise : tuple of MeasuredNoise
         The densities as measured, which everything here was judged by.
@@ -74,19 +67,13 @@ class RigDiscrepancy(Conclusion):
         of the excess.
     channel : str or None
         The channel in which the excess is largest.
-    places : tuple of FactorFinding
-        Every factor with how much of the excess it carries, the best first.
     rms_before, rms_after, floor : dict of str to float
-        Of innovations by channel, m/s² and rad; the floor is what the noise gives.
-    gaps, heldout : tuple of CycleGap
-        By cycle: of the filters of the present and the larger model; and with the effects chosen
-        and sized by the other cycles alone.
-    invisible : tuple of str
+        Rms of innovations by channel, m/s² and rad; the floor is that of the noise.
+    gaps : tuple of CycleGap
+        By cycle, of the filters of the present and the larger model; those of `held_out_parts` are
+        with the effects chosen and sized by the other cycles alone.
     smallest_nameable : dict of str to (float, str)
-        Size of the effect's first visible unknown at strength seven, and its unit.
-    experiment : str or None
-    drift : Drift or None
-        The slow drift of the constant errors that the run shows; an alias set may hold it.
+        Size of the effect's first visible parameter at strength seven, and its unit.
     """
 
     source: RigSource
@@ -94,16 +81,16 @@ class RigDiscrepancy(Conclusion):
     effects: tuple[RigEffectFound, ...]
     where: str | None
     channel: str | None
-    places: tuple[FactorFinding, ...]
     rms_before: dict[str, float]
     rms_after: dict[str, float]
     floor: dict[str, float]
     gaps: tuple[CycleGap, ...]
-    heldout: tuple[CycleGap, ...]
-    invisible: tuple[str, ...]
     smallest_nameable: dict[str, tuple[float, str]]
-    experiment: str | None
-    drift: Drift | None
+
+    @property
+    def drift(self) -> Drift | None:
+        """The slow drift of the constant errors that the run shows; an alias set may hold it."""
+        return self.rival if isinstance(self.rival, Drift) else None
 
 
 def find_rig_discrepancy(
@@ -130,7 +117,7 @@ def find_rig_discrepancy(
     draws : int
         Simulated nulls that calibrate every statistic; of a run of many hours fewer are made.
     seed : int
-        Of the draws.
+        Seed of the draws.
     tell : callable, optional
         Takes a line of progress.
 
@@ -155,74 +142,39 @@ def find_rig_discrepancy(
     noise, measured = measured_noise(source)
     tell("again with the noise that the run shows")
     source = source.with_noise(noise)
-    problem = source.problem((), NoiseShape())
-    floor = NoiseFloor(shape=NoiseShape(), sigma=1.0, support=((1.0, NoiseShape()),))
-    draws = min(draws, max(LEAST_DRAWS, MOST_NUMBERS // problem.residual.size))
-    tell(f"{draws} simulated nulls")
-    laws = simulate_nulls(problem, floor, draws=draws, rng=np.random.default_rng(seed))
-    search = Search(source, floor, laws, rules)
-    tell(f"trying {len(problem.candidates)} effects")
-    result = search.run()
-    choices = tuple(s.choice for s in result.slots)
-    verdict = judge(search.view(choices), result, laws, rules, too_much_drift=False)
-    places = locate(search.view(()), laws) if verdict.verdict != "nothing" else ()
-    verdict = outdone(verdict, result, places, laws, rules)
-    verdict, result, drift = against_drift(source.filter_with(()), verdict, result)
-    if verdict.verdict not in ("named", "alias"):
-        choices = ()
+    numbers = source.problem((), NoiseModel()).residual.size
+    settings = Settings(
+        rules=rules,
+        draws=min(draws, max(LEAST_DRAWS, MOST_NUMBERS // numbers)),
+        seed=seed,
+        tell=tell,
+    )
+    ((measurement, conclusion),) = investigate([RigInnovations(source)], settings)
+    return _discrepancy(measurement, conclusion, measured)
+
+
+def _discrepancy(
+    measurement: RigInnovations,
+    conclusion: Conclusion[CycleGap, str],
+    measured: tuple[MeasuredNoise, ...],
+) -> RigDiscrepancy:
+    """Bring together all that a verdict stands on."""
+    source, choices = measurement.source, conclusion.choices
     before, after = source.filter_with(()), source.filter_with(choices)
-    slots = result.slots if choices else ()
-    invisible, smallest = _foreseen(source, search.view(()), before)
+    slots = conclusion.result.slots if choices else ()
     return RigDiscrepancy(
+        **conclusion.inherited,
         source=source,
         noise=measured,
-        judgement=verdict,
-        result=result,
         effects=tuple(_found(_without(source, choices, s), after, s) for s in slots),
-        where=_where(slots, places),
-        channel=_loudest(before) if verdict.verdict != "nothing" else None,
-        places=places,
-        rms_before=_rms(before),
-        rms_after=_rms(after),
+        where=_where(slots, conclusion.places),
+        channel=_loudest(before) if conclusion.verdict != "nothing" else None,
+        rms_before=_channel_rms(before),
+        rms_after=_channel_rms(after),
         floor=_floor(after),
         gaps=gaps_by_cycle(before, after, choices),
-        heldout=held_out(source, search, choices),
-        invisible=invisible,
-        smallest_nameable=smallest,
-        experiment=_experiment(result, verdict, invisible),
-        drift=drift,
+        smallest_nameable=_smallest(conclusion.foresight, before),
     )
-
-
-def outdone(
-    verdict: Judgement,
-    result: SearchResult,
-    places: tuple[FactorFinding, ...],
-    laws: Calibration,
-    rules: Rules,
-) -> Judgement:
-    """Withdraw names that explain clearly less than a factor alone does.
-
-    A factor sees a part of what is there, and the effects that are truly missing explain all of it.
-    So where a factor explains more, by more than luck gives it, what is there is something else: a
-    slow drift, for instance, which a jump and two effects more would follow in part. Where the
-    names leave nothing, they stand: a factor that explains more then follows the linearisation.
-    """
-    quiet = not (verdict.loud or verdict.loud_noise)
-    if quiet or verdict.verdict not in ("named", "alias"):
-        return verdict
-    by_luck = sum(laws.gains[s.choice.name].mean for s in result.slots)
-    explained = result.explained - by_luck
-    for place in places:
-        law = laws.factors[place.name]
-        luck = float(np.quantile(law.draws, 1.0 - rules.alpha_rest)) - law.mean
-        if place.excess - luck > explained:
-            return replace(
-                verdict,
-                verdict="unexplained_repeatable" if place.repeatable else "unexplained_noise",
-                explained_share=max(explained, 0.0) / place.excess,
-            )
-    return verdict
 
 
 def _without(source: RigSource, choices: tuple[Choice, ...], slot: Slot) -> FilterProblem:
@@ -270,7 +222,7 @@ def _loudest(one: FilterProblem) -> str:
     return one.rows.names[int(np.argmax(beyond))]
 
 
-def _rms(one: FilterProblem) -> dict[str, float]:
+def _channel_rms(one: FilterProblem) -> dict[str, float]:
     return rms_by_channel(one, one.found.filtered.innovation**2)
 
 
@@ -278,29 +230,10 @@ def _floor(one: FilterProblem) -> dict[str, float]:
     return rms_by_channel(one, one.found.filtered.variance)
 
 
-def _foreseen(
-    source: RigSource, view: View, before: FilterProblem
-) -> tuple[tuple[str, ...], dict[str, tuple[float, str]]]:
-    """Return what the run cannot show, and the smallest size of the rest that can be named."""
-    foresight = foresee(view, view.problem.candidates)
-    recorded = {e.name for e in source.shown}
-    unrecorded = [e.name for e in source.effects if not (e.name in recorded or source.holds(e))]
-    smallest: dict[str, tuple[float, str]] = {}
-    for name, strength in zip(foresight.names, foresight.strength.tolist(), strict=True):
-        if strength > 0.0:
-            smallest[name] = (NAMEABLE_D / strength, before.unit_of(rig_library().by_name[name]))
-    return (*foresight.invisible, *unrecorded), smallest
-
-
-def _experiment(result: SearchResult, verdict: Judgement, invisible: tuple[str, ...]) -> str | None:
-    """Say what would settle what is open."""
-    open_names = [n for s in result.slots if len(s.alias) > 1 for n in s.alias]
-    if verdict.verdict == "alias":
-        return "; ".join(
-            f"{n}: {rig_library().by_name[n].experiment}" for n in dict.fromkeys(open_names)
-        )
-    if verdict.verdict.startswith("unexplained"):
-        return "repeat the same programme: what comes again belongs to the model, the rest does not"
-    if invisible:
-        return "; ".join(f"{n}: {rig_library().by_name[n].experiment}" for n in invisible)
-    return None
+def _smallest(foresight: Foresight, before: FilterProblem) -> dict[str, tuple[float, str]]:
+    """Return the smallest size of each visible effect that can be named, with its unit."""
+    return {
+        name: (NAMEABLE_D / strength, before.unit_of(rig_library().by_name[name]))
+        for name, strength in zip(foresight.names, foresight.strength.tolist(), strict=True)
+        if strength > 0.0
+    }

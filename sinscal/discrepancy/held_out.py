@@ -15,10 +15,8 @@ import numpy as np
 from scipy import linalg
 
 from errormodel.arrays import FloatArray
-from errormodel.discrepancy.choices import Choice
-from errormodel.discrepancy.problem import independent
-from errormodel.discrepancy.search import Search
-from sinscal.discrepancy.source import RigSource
+from errormodel.discrepancy.search.choices import Choice
+from errormodel.linear import independent
 from sinscal.library import rig_library
 from sinscal.recording.run import BoolArray
 from sinscal.sensitivity.problem import FilterProblem
@@ -37,42 +35,24 @@ class CycleGap:
     names: tuple[str, ...]
 
 
-def held_out(source: RigSource, search: Search, choices: Sequence[Choice]) -> tuple[CycleGap, ...]:
-    """Judge effects on each cycle by the choice and the sizes of the others.
+def gap_of_cycle(before: FilterProblem, k: int, chosen: Sequence[Choice]) -> CycleGap:
+    """Return the gap in a cycle by effects with sizes from the other cycles.
 
     Parameters
     ----------
-    source : RigSource
-    search : Search
-        Of the whole run: its laws and rules are those of every choice.
-    choices : sequence of Choice
-        The effects found.
-
-    Returns
-    -------
-    tuple of CycleGap
-        None without effects, and none with a single cycle.
+    before : FilterProblem
+        Filter of the present model, over all cycles.
+    k : int
+        The cycle, from 0.
+    chosen : sequence of Choice
+        The effects that the other cycles name.
     """
-    cycles = range(len(source.run.cycles))
-    if not choices or len(cycles) < 2:
-        return ()
-    before = source.filter_with(())
-    made: list[CycleGap] = []
-    for k in cycles:
-        others = source.of_cycles([j for j in cycles if j != k])
-        chosen = Search(others, search.floor, search.laws, search.rules).chosen()
-        made.append(_gap_of(before, k, chosen))
-    return tuple(made)
-
-
-def _gap_of(before: FilterProblem, k: int, chosen: Sequence[Choice]) -> CycleGap:
-    """Return the gap in cycle k by effects with sizes from the other cycles."""
     effects = [(rig_library().by_name[c.name], c.theta) for c in chosen]
     y = before.residual
     parts = [before.signature(e, theta).columns * before.prior_sigmas(e) for e, theta in effects]
     seen = np.hstack([np.zeros((y.size, 0)), *parts])
     mine = before.found.cycle_of_step[before.step_of] == k
-    was, left = _judged(seen[mine], y[mine], seen[~mine], y[~mine])
+    was, left = _compared(seen[mine], y[mine], seen[~mine], y[~mine])
     return CycleGap(
         cycle=k + 1,
         before=rms_by_channel(before, _squares(before, mine, was)),
@@ -97,7 +77,7 @@ def gaps_by_cycle(
     )
 
 
-def _judged(
+def _compared(
     own: FloatArray, y: FloatArray, other: FloatArray, y_other: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return a cycle's normalised innovations before and after; columns count in prior sigmas."""

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from errormodel.discrepancy.scale import Scales
-from errormodel.noise.shapes import NoiseShape
+from errormodel.noise.model import NoiseModel
 from sinscal.calibration.noise import Density, gyro_density
 from sinscal.discrepancy.source import RigSource
 from sinscal.filter.data import RigNoise
@@ -40,7 +40,7 @@ class MeasuredNoise:
 
     @property
     def differs(self) -> bool:
-        """Whether what is stated is not what was measured."""
+        """True where the stated density is not the measured one."""
         if not self.stated:
             return False
         apart = abs(self.found.value - self.stated)
@@ -53,7 +53,7 @@ def measured_noise(source: RigSource) -> tuple[RigNoise, tuple[MeasuredNoise, ..
     Parameters
     ----------
     source : RigSource
-        Of the present model, with the noise to begin with.
+        Source of the present model, with the noise to begin with.
 
     Returns
     -------
@@ -62,7 +62,7 @@ def measured_noise(source: RigSource) -> tuple[RigNoise, tuple[MeasuredNoise, ..
     measured : tuple of MeasuredNoise
     """
     before, facts = source.noise, source.run.facts
-    problem = source.problem((), NoiseShape())
+    problem = source.problem((), NoiseModel())
     scales = Scales(problem)
     accel, *angle = (
         (float(s), float(s / np.sqrt(2.0 * n)))
@@ -75,14 +75,14 @@ def measured_noise(source: RigSource) -> tuple[RigNoise, tuple[MeasuredNoise, ..
         found["angle"] = _scaled(before.angle, *angle[0])
         wobble = before.angle if before.wobble is None else before.wobble
         noise = replace(noise, angle=found["angle"].value, wobble=wobble)
-    return noise, tuple(_told(facts, name, one) for name, one in found.items())
+    return noise, tuple(_measured(facts, name, one) for name, one in found.items())
 
 
 def _scaled(density: float, scale: float, sigma: float) -> Density:
     return Density(value=density * scale, sigma=density * sigma)
 
 
-def _told(facts: RigFacts, sensors: str, found: Density) -> MeasuredNoise:
+def _measured(facts: RigFacts, sensors: str, found: Density) -> MeasuredNoise:
     stated = {"gyro": facts.gyro_noise, "accel": facts.accel_noise, "angle": facts.angle_noise}
     unit = {"gyro": "rad/s/√Hz", "accel": "m/s²/√Hz", "angle": "rad/√Hz"}
     return MeasuredNoise(sensors=sensors, unit=unit[sensors], stated=stated[sensors], found=found)

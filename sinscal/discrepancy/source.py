@@ -3,10 +3,10 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
-from errormodel.discrepancy.choices import Choice
 from errormodel.discrepancy.problem import Problem
+from errormodel.discrepancy.search.choices import Choice
 from errormodel.filter.steps import NO_GATE
-from errormodel.noise.shapes import NoiseShape
+from errormodel.noise.model import NoiseModel
 from sinscal.calibration.rig import Mode, RigCalibration, calibrate
 from sinscal.filter.data import RigNoise, cycle_data
 from sinscal.library import BASIC, rig_library
@@ -68,9 +68,9 @@ class RigSource:
             return set(effect.groups) <= set(self.present.groups)
         return self.present.mount
 
-    def problem(self, chosen: Sequence[Choice], shape: NoiseShape) -> Problem:
+    def problem(self, chosen: Sequence[Choice], noise: NoiseModel) -> Problem:
         """Return the problem of the enlarged filter, run anew."""
-        del shape  # innovations are white
+        del noise  # innovations are white
         key = _key(chosen)
         if key not in self._problems:
             self._problems[key] = self.filter_with(chosen).problem()

@@ -8,6 +8,7 @@ from errormodel.arrays import FloatArray, IntArray
 from sinscal.filter.integrate import interval_rows
 from sinscal.filter.layout import RigLayout
 from sinscal.frames.attitude import rotation
+from sinscal.model.noise import DriftingNoise
 from sinscal.model.sensors import Motion
 from sinscal.recording.abrupt import abrupt_rows
 from sinscal.recording.run import AXES, BoolArray, RigRun, rate_derivative
@@ -21,36 +22,16 @@ COUNT = 12.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class RigNoise:
-    """Noise as the filter takes it: densities (sigma of a mean over 1 s) and slow drifts.
+class RigNoise(DriftingNoise):
+    """Noise as the filter takes it.
 
     Attributes
     ----------
-    gyro, accel, angle : float
-        rad/s/√Hz, m/s²/√Hz, rad/√Hz.
     wobble : float, optional
         How much the rotation axis moves across itself, rad/√Hz; that of the angle if not given.
-    gyro_instability, accel_instability, instability_tau_s : float
-        Sigma and correlation time of slow drift; zero sigmas: none.
-    gyro_quantum, accel_quantum : float
-        Steps of counters of increments, rad and m/s; 0: not counted. Rounding of each reading by
-        itself is white and part of the densities.
     """
 
-    gyro: float
-    accel: float
-    angle: float = 0.0
     wobble: float | None = None
-    gyro_instability: float = 0.0
-    accel_instability: float = 0.0
-    instability_tau_s: float = 3600.0
-    gyro_quantum: float = 0.0
-    accel_quantum: float = 0.0
-
-    @property
-    def drifts(self) -> bool:
-        """Whether there is slow drift."""
-        return self.gyro_instability > 0.0 or self.accel_instability > 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

@@ -229,9 +229,8 @@ class RigFilter:
         x[unknown] = prior.values - nominal.values
         cov[unknown, unknown] = prior.cov
         if layout.drift:
-            pairs = ((3, self.noise.gyro_instability), (6, self.noise.accel_instability))
-            for first, sigma in pairs:
-                cov[first : first + 3, first : first + 3] = np.eye(3) * sigma**2
+            for first, sensor in ((3, self.noise.of_gyro), (6, self.noise.of_accel)):
+                cov[first : first + 3, first : first + 3] = np.eye(3) * sensor.drift**2
         for k in range(layout.cycles):
             self._start_cycle(x, cov, nominal, anchor, layout, k)
         if not layout.wander:

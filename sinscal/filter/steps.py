@@ -252,11 +252,11 @@ def force_steps(
         h[:, :3, 3:6] = found.felt[:, :, n_gyro:] - lever @ found.turned_mean[:, :, n_gyro:]
         h[:, :3, 6:9] = found.forced[:, :, n_accel:]
         phi[:, :3, 3:6] = -found.turned[:, :, n_gyro:]
-        keep = np.exp(-length[:, 0] / noise.instability_tau_s)
-        for i, sigma in enumerate((noise.gyro_instability, noise.accel_instability)):
+        for i, sensor in enumerate((noise.of_gyro, noise.of_accel)):
+            keep, sigma = sensor.drift_step(length[:, 0])
             for j in range(3 + 3 * i, 6 + 3 * i):
                 phi[:, j, j] = keep
-                q[:, j] = sigma**2 * (1.0 - keep**2)
+                q[:, j] = sigma**2
     if layout.wander:
         turn = np.zeros((found.length_s.size, 3, 2))
         turn[:, 0, 0] = turn[:, 1, 1] = found.length_s

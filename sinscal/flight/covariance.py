@@ -30,6 +30,7 @@ from sinscal.flight.navigation_errors import (
 )
 from sinscal.flight.trajectory import Flight, FlightPlan, fly
 from sinscal.frames.earth import A_M, earth_rate_enu
+from sinscal.model.noise import InertialNoise
 from sinscal.model.residual_errors import Calibration, at_rest, error_columns
 from sinscal.model.sensors import Motion
 
@@ -39,13 +40,11 @@ NOISE = "sensor noise"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class FlightNoise:
+class FlightNoise(InertialNoise):
     """White noise of the sensors in flight and in the alignment before it.
 
     Attributes
     ----------
-    gyro, accel : float
-        Densities, rad/s/√Hz and m/s²/√Hz.
     alignment_s : float
         How long the alignment takes the mean of the readings; 0: so long that only the
         parameters' errors are left.

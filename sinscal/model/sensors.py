@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from errormodel.arrays import FloatArray, IntArray, freeze, readonly
 from errormodel.columns import derivative
+from errormodel.constants import T_REF_C
 from errormodel.model import ErrorModel
 from errormodel.record import Record
 from errormodel.terms import Description
@@ -25,7 +26,6 @@ from sinscal.library.angle import TIME_OFFSET
 from sinscal.library.groups import ANGLE, CHANNELS, TEMPERATURES, ChannelId, Group
 from sinscal.recording.run import AXES, rate_derivative
 
-T_REF_C = 25.0
 # A chamber's terms see temperature smoothed as in the chamber; a rig's temperature is smooth.
 RATE_WINDOW_S = 120.0
 # What a chamber's terms may use on a rig, beside the sensors' own signals.

@@ -17,17 +17,12 @@ from functools import cached_property
 import numpy as np
 
 from errormodel.arrays import FloatArray, IntArray
-from errormodel.discrepancy.problem import (
-    Candidate,
-    Factor,
-    Problem,
-    Signature,
-    Theta,
-    independent,
-)
+from errormodel.discrepancy.problem import Candidate, Factor, Problem, Signature, Theta
 from errormodel.filter.gains import signatures
 from errormodel.filter.steps import Steps, run_filter
-from errormodel.noise.shapes import NoiseShape, TimeBase
+from errormodel.linear import independent
+from errormodel.noise.model import NoiseModel
+from errormodel.noise.whitening import TimeBase
 from errormodel.terms import Description
 from sinscal.calibration.consistency import ALONG, FORCES, Rows, rows_of_rig
 from sinscal.calibration.rig import RigCalibration
@@ -301,8 +296,7 @@ class FilterProblem:
             candidates=tuple(self.candidate(e) for e in self.effects),
             saturated=self._everything(factors),
             factors=factors,
-            noise=NoiseShape(),
-            sigma=1.0,
+            noise=NoiseModel(),
             events=frozenset(e.name for e in rig_library().effects if e.step),
             bounded=~np.isin(self.row_of, self.rows.white),
             scaled=self._noisy(),

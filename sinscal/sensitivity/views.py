@@ -14,8 +14,9 @@ from scipy.special import logsumexp
 from scipy.stats import chi2
 
 from errormodel.arrays import FloatArray
-from errormodel.discrepancy.problem import Theta, independent
+from errormodel.discrepancy.problem import Theta
 from errormodel.filter.gains import followed
+from errormodel.linear import independent
 from sinscal.calibration.effect_tests import EffectTest, EffectTests
 from sinscal.calibration.rig import RigCalibration
 from sinscal.filter.data import CycleData

@@ -20,7 +20,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from errormodel.arrays import FloatArray
-from errormodel.discrepancy.problem import independent
+from errormodel.linear import independent
 from sinscal.library.jump import DRIFT_SIGMAS, DRIFTS
 from sinscal.sensitivity.problem import FilterProblem
 

@@ -1,43 +1,18 @@
 """What six sensors and a rig's encoder would have recorded: the twin of a rig calibration."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import cast
 
 import numpy as np
 from scipy.signal import lfilter
 
 from errormodel.arrays import FloatArray
+from errormodel.noise.model import NoiseModel
+from sinscal.model.noise import SensorNoise
 from sinscal.model.sensors import Motion, SensorModel, as_vector
 from sinscal.recording.run import Quantum, RigFacts, RigRun
 from sinscal.twin.motion import CycleMotion, RigFaults, RigMotion
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SensorNoise:
-    """Noise of the sensors; a density of white noise is the sigma of a mean over one second.
-
-    Attributes
-    ----------
-    gyro, accel, angle : float
-        Densities: rad/s/√Hz, m/s²/√Hz, rad/√Hz.
-    gyro_instability, accel_instability : float
-        Sigma of slow drift (first-order Gauss-Markov), rad/s and m/s².
-    instability_tau_s : float
-        Its correlation time, s.
-    gyro_quantum, accel_quantum : float
-        Of the increments, rad and m/s; 0: not quantised.
-    """
-
-    gyro: float = 0.0
-    accel: float = 0.0
-    angle: float = 0.0
-    gyro_instability: float = 0.0
-    accel_instability: float = 0.0
-    instability_tau_s: float = 3600.0
-    gyro_quantum: float = 0.0
-    accel_quantum: float = 0.0
-
 
 Warming = Callable[[FloatArray], FloatArray]
 
@@ -101,8 +76,8 @@ def simulate_rig(
             temp.append(warming(motion.time_s + true.start_s[k]))
             motion = replace(motion, temp_c=temp[-1])
         w, f = sensors.measured(motion, vector)
-        w = w + _noise(motion, noise.gyro, noise.gyro_instability, noise, drifts["gyro"], rng)
-        f = f + _noise(motion, noise.accel, noise.accel_instability, noise, drifts["accel"], rng)
+        w = w + _noise(motion, noise.of_gyro, drifts["gyro"], rng)
+        f = f + _noise(motion, noise.of_accel, drifts["accel"], rng)
         gyro.append(_quantised(w, motion.step_s, noise.gyro_quantum))
         accel.append(_quantised(f, motion.step_s, noise.accel_quantum))
         angle.append(_angle(cycle, sensors, vector, noise, faults, rng))
@@ -134,25 +109,19 @@ def _start(rng: np.random.Generator) -> FloatArray:
 
 
 def _noise(
-    motion: Motion,
-    density: float,
-    instability: float,
-    noise: SensorNoise,
-    drift: FloatArray,
-    rng: np.random.Generator,
+    motion: Motion, noise: NoiseModel, drift: FloatArray, rng: np.random.Generator
 ) -> FloatArray:
     """Return white noise and drift, (n, 3); `drift` (unit sigma) goes on where it stood."""
     n = len(motion)
-    out = density / np.sqrt(motion.step_s)[:, None] * rng.standard_normal((n, 3))
-    if instability == 0.0:
+    out = noise.white / np.sqrt(motion.step_s)[:, None] * rng.standard_normal((n, 3))
+    if noise.drift == 0.0:
         return out
-    step = float(motion.step_s[0])
-    keep = np.exp(-step / noise.instability_tau_s)
-    kicks = np.sqrt(1.0 - keep**2) * rng.standard_normal((n, 3))
-    start = keep * drift[None, :]
+    keep, sigma = noise.drift_step(float(motion.step_s[0]))
+    kicks = sigma * rng.standard_normal((n, 3))
+    start = keep * noise.drift * drift[None, :]
     walk = cast(FloatArray, lfilter([1.0], [1.0, -keep], kicks, axis=0, zi=start)[0])
-    drift[:] = walk[-1]
-    return out + instability * walk
+    drift[:] = walk[-1] / noise.drift
+    return out + walk
 
 
 def _quantised(values: FloatArray, step_s: FloatArray, quantum: float) -> FloatArray:

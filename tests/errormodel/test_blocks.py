@@ -8,8 +8,9 @@ from errormodel import blocks, columns
 from errormodel.columns import derivative
 from errormodel.fit import fit, fit_values
 from errormodel.model import ErrorModel
-from errormodel.noise.drift import NoiseModel
+from errormodel.noise.model import NoiseModel
 from errormodel.record import Record
+from tests.errormodel.noise.sampled import sampled
 from thermo.library import term
 
 NAMES = ("k1", "k1_t1", "k0", "k0_t1", "thermal_lag", "bias_hysteresis", "turn_on_offset_1")
@@ -27,7 +28,7 @@ def long_record() -> tuple[ErrorModel, Record, dict[str, float]]:
     values = {**model.start_values(), **START}
     values |= {"k0": 1e-3, "k0_t1": -7e-6, "k1_t1": 8e-5, "bias_hysteresis": 4e-5}
     inputs = Record(time_s=np.tile(time_s, 2), run=np.repeat([0, 1], n), signals=signals)
-    drift = NoiseModel(white=5e-6, drift=4e-6, drift_tau_s=3000.0).sample(inputs, rng)
+    drift = sampled(NoiseModel(white=5e-6, drift=4e-6, drift_tau_s=3000.0), inputs, rng)
     output = model.simulate(inputs, values) + drift
     return (
         model,

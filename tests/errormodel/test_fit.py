@@ -8,9 +8,10 @@ from scipy import stats
 from errormodel.errors import NotSeparableError
 from errormodel.fit import expected_covariance, fit, fit_many
 from errormodel.model import ErrorModel
-from errormodel.noise.drift import NoiseModel
+from errormodel.noise.model import NoiseModel
 from errormodel.record import Record
 from tests.errormodel.examples import decay_term, linear_term
+from tests.errormodel.noise.sampled import sampled
 
 WHITE = NoiseModel(white=5e-6)
 DRIFT = NoiseModel(white=5e-6, drift=3e-6, drift_tau_s=3600.0)
@@ -44,7 +45,7 @@ def test_truth_lies_within_the_stated_sigmas(model, record, truth, noise, weight
     expected = np.array([truth[c.name] for c in model.coefficients])
     total, seeds = 0.0, 50
     for seed in range(seeds):
-        y = clean + noise.sample(record, np.random.default_rng(seed))
+        y = clean + sampled(noise, record, np.random.default_rng(seed))
         result = fit(model, measured(record, y), weighting=weighting)
         error = result.values - expected
         total += float(error @ np.linalg.solve(result.cov, error))
@@ -57,7 +58,7 @@ def test_white_sigmas_would_have_been_wrong_under_drift(model, record, truth) ->
     clean, expected = model.simulate(record, truth), [truth[c.name] for c in model.coefficients]
     total = 0.0
     for seed in range(20):
-        y = clean + DRIFT.sample(record, np.random.default_rng(seed))
+        y = clean + sampled(DRIFT, record, np.random.default_rng(seed))
         result = fit(
             model, measured(record, y), noise=NoiseModel(white=float(np.hypot(5e-6, 3e-6)))
         )
@@ -69,7 +70,7 @@ def test_white_sigmas_would_have_been_wrong_under_drift(model, record, truth) ->
 def test_a_nonlinear_parameter_is_fitted_between_any_grid(model, record, truth) -> None:
     larger = model.with_terms(decay_term())
     values = {**truth, "decay": 2e-4, "tau": 437.0}
-    y = larger.simulate(record, values) + WHITE.sample(record, np.random.default_rng(3))
+    y = larger.simulate(record, values) + sampled(WHITE, record, np.random.default_rng(3))
     result = fit(larger, measured(record, y))
     error = result.values - np.array([values[n] for n in larger.names])
     assert stats.chi2.sf(float(error @ np.linalg.solve(result.cov, error)), error.size) > 0.001
@@ -78,7 +79,9 @@ def test_a_nonlinear_parameter_is_fitted_between_any_grid(model, record, truth) 
 
 def test_many_channels_in_one_call_are_each_the_single_fit(model, record, truth) -> None:
     clean = model.simulate(record, truth)
-    y = np.column_stack([clean + WHITE.sample(record, np.random.default_rng(k)) for k in range(6)])
+    y = np.column_stack(
+        [clean + sampled(WHITE, record, np.random.default_rng(k)) for k in range(6)]
+    )
     many = fit_many(model, measured(record, y))
     for k, one in enumerate(many):
         alone = fit(model, measured(record, y[:, k]), noise=one.noise)
@@ -90,7 +93,7 @@ def test_many_channels_in_one_call_are_each_the_single_fit(model, record, truth)
 
 def test_the_covariance_foretold_is_the_one_found(model, record, truth) -> None:
     foretold = expected_covariance(model, record, truth, DRIFT)
-    y = model.simulate(record, truth) + DRIFT.sample(record, np.random.default_rng(0))
+    y = model.simulate(record, truth) + sampled(DRIFT, record, np.random.default_rng(0))
     assert_allclose(fit(model, measured(record, y), noise=DRIFT).cov, foretold, rtol=1e-3)
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from errormodel.arrays import rms
 from errormodel.errors import InputError
 from errormodel.io.table_write import write_with_sidecar
 from errormodel.io.tables import column_names
@@ -14,7 +15,7 @@ from thermo.compensation.compensate import Compensated, compensate
 from thermo.compensation.model_file import AccelerometerModel, ModelFile, read_model
 from thermo.recording.files import RecordedRuns, read_runs
 from thermo.recording.write import sidecar_text
-from thermo.selection.residuals import constants_only_ug, rms
+from thermo.selection.residuals import constants_only_ug
 
 ADDED = ("accel_g", "accel_compensated_g", "accel_sigma_g")
 OUTSIDE = ("outside_range", "outside_rate", "outside_input")

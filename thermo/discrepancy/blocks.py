@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from errormodel.arrays import FloatArray, IntArray
-from errormodel.noise.shapes import TimeBase
+from errormodel.noise.whitening import TimeBase
 from thermo.recording.channel import Channel
 
 BLOCK_S = 60.0
@@ -15,7 +15,7 @@ LEAST_BLOCKS = 600
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Blocks:
-    """Which readings are averaged together: consecutive ones of one run at one position.
+    """Readings averaged together: consecutive ones of one run at one position.
 
     Attributes
     ----------
@@ -24,7 +24,7 @@ class Blocks:
     counts : ndarray, shape (b,)
         Readings in each.
     times : TimeBase
-        Of the block means; the white variance is that of the usual block.
+        Times of the block means; the white variance is that of the usual block.
     """
 
     starts: IntArray

@@ -10,13 +10,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from errormodel.discrepancy.choices import Choice, SearchResult
-from errormodel.discrepancy.floor import NoiseFloor
 from errormodel.discrepancy.gate import Judgement
-from errormodel.discrepancy.pairs import POINTS
 from errormodel.discrepancy.problem import Signature, Theta, columns_of
 from errormodel.discrepancy.scan import Prepared, View
+from errormodel.discrepancy.search.choices import Choice
+from errormodel.discrepancy.search.pairs import POINTS
+from errormodel.discrepancy.search.state import SearchState
 from errormodel.errors import InputError
+from errormodel.noise.model import NoiseFit
 from thermo.discrepancy.experiment_menu import Item, menu
 from thermo.discrepancy.source import Fitted, ThermalSource
 from thermo.planning.default_station import default_station
@@ -72,20 +73,20 @@ class Experiment:
 
 def propose(
     source: ThermalSource,
-    result: SearchResult,
+    result: SearchState,
     verdict: Judgement,
     invisible: tuple[str, ...],
-    floor: NoiseFloor,
+    floor: NoiseFit,
 ) -> Experiment | None:
     """Propose what would tell an alias set apart, or show what these runs cannot.
 
     Parameters
     ----------
     source : ThermalSource
-    result : SearchResult
+    result : SearchState
     verdict : Judgement
     invisible : tuple of str
-    floor : NoiseFloor
+    floor : NoiseFit
 
     Returns
     -------
@@ -107,18 +108,18 @@ def propose(
 
 
 def propose_separation(
-    source: ThermalSource, floor: NoiseFloor, choice: Choice, rivals: Many[str]
+    source: ThermalSource, floor: NoiseFit, choice: Choice, rivals: Many[str]
 ) -> Experiment:
     """Propose what would tell one effect, at the size it has in these runs, from others.
 
     Parameters
     ----------
     source : ThermalSource
-    floor : NoiseFloor
+    floor : NoiseFit
     choice : Choice
     rivals : sequence of str
     """
-    found = source.fitted([choice], floor.shape)
+    found = source.fitted([choice], floor.noise)
     return _Experiments(source, floor).separating(choice.name, (choice.name, *rivals), found)
 
 
@@ -136,7 +137,7 @@ def _thinned(grid: Many[Theta]) -> Many[Theta]:
 class _Experiments:
     """The menu, planned once."""
 
-    def __init__(self, source: ThermalSource, floor: NoiseFloor) -> None:
+    def __init__(self, source: ThermalSource, floor: NoiseFit) -> None:
         self.source, self.floor = source, floor
         channel = source.channel
         self.t_ref_c = float(channel.temp_c[0] - channel.record["x_c"][0])
@@ -231,18 +232,18 @@ class _Experiments:
         part = ThermalSource(channel, mounted(self.source.model, channel), self.source.effects)
         # the white part is that of a usual block, which may hold more readings now
         more = part.blocks.usual / self.source.blocks.usual
-        variance = tuple(more * v for v in self.floor.shape.variance)
-        shape = replace(self.floor.shape, variance=variance, continued=False)
-        return View(part.outline(shape), shape, self.floor.sigma / float(np.sqrt(more)))
+        given = self.floor.noise
+        noise = replace(given, white=given.white / float(np.sqrt(more)), continued=False)
+        return View(part.outline(noise), noise)
 
     def _distance(self, channel: Channel, name: str, rivals: Many[str]) -> float:
         """Return how far the nearest rival stays from an effect that was simulated.
 
-        The most supple member of a rival's family counts, as in the search.
+        A rival's flexible form counts, as in the search.
         """
         view = self._view(channel)
         every = {c.name: c for c in view.problem.candidates}
-        against = [m for n in rivals if n in every for m in (every[n], every[n].richer) if m]
+        against = [m for n in rivals if n in every for m in (every[n], every[n].flexible) if m]
         nearest = max((f.gain for f in Prepared(view, against).scan()), default=0.0)
         own = [f.gain for f in Prepared(view, [every[name]]).scan()] if name in every else [0.0]
         return float(np.sqrt(max(own[0] - nearest, 0.0)))

@@ -1,10 +1,11 @@
-"""What a chamber run's residual may follow, and all of it that would repeat in a new run."""
+"""Factors that a chamber run's residual may follow, and all that would repeat in a new run."""
 
 import numpy as np
 from scipy.interpolate import BSpline
 
 from errormodel.arrays import FloatArray, IntArray
-from errormodel.discrepancy.problem import Factor, independent
+from errormodel.discrepancy.problem import Factor
+from errormodel.linear import independent
 from thermo.discrepancy.blocks import Blocks
 from thermo.recording.channel import HOLD, Channel
 

@@ -1,8 +1,8 @@
-"""What noise alone leaves on a run that was not fitted, for the gap to be measured against.
+"""Residual that noise alone leaves on a run that was not fitted: the floor of a gap.
 
 The scale is the data's own: what is left in these runs beside everything that repeats. The noise
-found only says how much of itself such a rich mean takes away, and how much more a prediction
-carries (the error of the coefficients, the drift of the run predicted).
+found only says how much of itself a mean of so many columns takes away, and how much more a
+prediction carries (the error of the coefficients, the drift of the run predicted).
 """
 
 from dataclasses import replace
@@ -10,8 +10,8 @@ from dataclasses import replace
 import numpy as np
 
 from errormodel.arrays import FloatArray
-from errormodel.discrepancy.floor import NoiseFloor
-from errormodel.discrepancy.problem import independent
+from errormodel.linear import independent
+from errormodel.noise.model import NoiseFit
 from thermo.discrepancy.held_out import reading_residual_ug
 from thermo.discrepancy.source import Fitted, ThermalSource
 from thermo.library.effects import foreseen
@@ -19,9 +19,7 @@ from thermo.library.effects import foreseen
 DRAWS = 80
 
 
-def floor_ug(
-    source: ThermalSource, after: Fitted, floor: NoiseFloor, saturated: FloatArray
-) -> float:
+def floor_ug(source: ThermalSource, after: Fitted, floor: NoiseFit, saturated: FloatArray) -> float:
     """Return the rms over readings that noise alone would leave on a held-out run, µg.
 
     Parameters
@@ -29,7 +27,7 @@ def floor_ug(
     source : ThermalSource
     after : Fitted
         The model with the effects found.
-    floor : NoiseFloor
+    floor : NoiseFit
     saturated : ndarray, shape (b, m)
         Everything that repeats, block means.
     """
@@ -37,9 +35,9 @@ def floor_ug(
     weights: FloatArray = blocks.counts / float(np.sum(blocks.counts))
     mean = independent(np.hstack([saturated, after.jacobian]), 1e-5)
     # where a walk that goes on through the rests had got to is no part of a run's own noise
-    shape = replace(floor.shape, continued=False)
+    own = replace(floor.noise, continued=False)
     white: FloatArray = np.random.default_rng(1).standard_normal((weights.size, DRAWS))
-    noise: FloatArray = shape.whitener(blocks.times).colour(white)
+    noise: FloatArray = own.whitener(blocks.times).colour(white)
     left = after.residual - mean @ (mean.T @ after.residual)
     noise_left = noise - mean @ (mean.T @ noise)
     scale2 = float(weights @ left**2) / float(np.mean(weights @ noise_left**2))

@@ -1,13 +1,13 @@
-"""Which missing effects a planned test could show, and which it could not tell apart."""
+"""Missing effects that a planned test could show, and those it could not tell apart."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from errormodel.constants import T_REF_C
 from errormodel.discrepancy.foresight import SAME, foresee
 from errormodel.discrepancy.scan import View
-from errormodel.noise.shapes import drifting
 from thermo.discrepancy.baseline import bare_baseline
 from thermo.discrepancy.source import ThermalSource
 from thermo.library import thermal_library
@@ -20,7 +20,7 @@ from thermo.twin.planted import plain_accelerometer
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EffectsForeseen:
-    """What `discrepancy` could say of a planned test.
+    """Effects that a planned test cannot show or tell apart.
 
     Attributes
     ----------
@@ -45,7 +45,7 @@ class EffectsForeseen:
 def foresee_effects(
     runs: Sequence[RunPlan],
     *,
-    t_ref_c: float = 25.0,
+    t_ref_c: float = T_REF_C,
     mount_deg: float = 0.0,
     effects: Sequence[ThermalEffect] | None = None,
 ) -> EffectsForeseen:
@@ -58,7 +58,7 @@ def foresee_effects(
     t_ref_c : float
         Reference temperature, °C.
     mount_deg : float
-        How far the accelerometer is mounted turned on the head, °.
+        Angle by which the accelerometer is turned on the head, °.
     effects : sequence of ThermalEffect
         By default those of the library in use.
     """
@@ -71,9 +71,8 @@ def foresee_effects(
     record = replace(channel.record, output=model.simulate(channel.record, values))
     source = ThermalSource(replace(channel, record=record), model, effects)
     per_block = source.blocks.usual
-    drift2 = per_block * (ASSUMED_NOISE.drift / ASSUMED_NOISE.white) ** 2
-    shape = drifting(drift2, ASSUMED_NOISE.drift_tau_s)
-    view = View(source.outline(shape), shape, 1e6 * ASSUMED_NOISE.white / float(np.sqrt(per_block)))
+    noise = replace(ASSUMED_NOISE.scaled(1e6), white=1e6 * ASSUMED_NOISE.white / per_block**0.5)
+    view = View(source.outline(noise), noise)
     found = foresee(view, view.problem.candidates)
     names = [n for n in found.names if n not in found.invisible]
     both = np.minimum(found.imitated, found.imitated.T)

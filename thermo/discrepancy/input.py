@@ -1,4 +1,4 @@
-"""What an accelerometer's runs must be for a search; every complaint says what was expected."""
+"""Checks of an accelerometer's runs before a search; every complaint says what was expected."""
 
 import numpy as np
 
@@ -23,7 +23,7 @@ def check_channel(channel: Channel, source: str) -> None:
     ----------
     channel : Channel
     source : str
-        Where they came from, for messages.
+        Files they came from, for messages.
 
     Raises
     ------

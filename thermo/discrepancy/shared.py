@@ -1,4 +1,4 @@
-"""What several accelerometers shared is alike in all of them; what differs is each one's own.
+"""Effects that several accelerometers shared: alike in all of them, or refuted by one of them.
 
 An error of the head, the chamber or the digitiser has the same coefficients in every accelerometer
 that was on it in the same runs. It is fitted beside everything else that was found, once with
@@ -13,11 +13,11 @@ import numpy as np
 from scipy import stats
 
 from errormodel.arrays import FloatArray
-from errormodel.discrepancy.choices import Choice, SearchResult
 from errormodel.discrepancy.problem import Candidate, Theta, columns_of
-from errormodel.discrepancy.ranking import residual_of
 from errormodel.discrepancy.scan import NOTHING, Prepared, View
-from errormodel.discrepancy.search import Search
+from errormodel.discrepancy.search.choices import Choice
+from errormodel.discrepancy.search.ranking import residual_of
+from errormodel.discrepancy.search.state import SearchState
 from thermo.discrepancy.source import ThermalSource
 from thermo.library.effects import Cause, ThermalEffect
 
@@ -29,22 +29,16 @@ COMMON: frozenset[Cause] = frozenset({"head", "chamber", "digitiser"})
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Searched:
-    """One accelerometer's search, before its verdict."""
+class SearchedChannel:
+    """One accelerometer's search."""
 
     source: ThermalSource
-    search: Search
-    result: SearchResult
+    result: SearchState
 
     @property
     def serial(self) -> str:
         """Serial number."""
         return self.source.channel.serial
-
-    @property
-    def named(self) -> frozenset[str]:
-        """Effects found, and those that could not be told from them."""
-        return frozenset(n for s in self.result.slots for n in (s.choice.name, *s.alias))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -81,7 +75,7 @@ class Unlike:
 
     @property
     def sentence(self) -> str:
-        """Why it is no name."""
+        """The reason why its name does not stand, in words."""
         return (
             f"{self.effect} is left out: it is the {self.owner}'s, which {', '.join(self.serials)} "
             f"shared, and would be alike in all of them; it is not (chi-square {self.excess:.0f} "
@@ -89,13 +83,13 @@ class Unlike:
         )
 
 
-def together(of: Searched, every: Sequence[Searched]) -> tuple[Searched, ...]:
+def together(of: SearchedChannel, every: Sequence[SearchedChannel]) -> tuple[SearchedChannel, ...]:
     """Return the accelerometers that were in runs of one, itself among them."""
     runs = set(of.source.channel.run_ids)
     return tuple(s for s in every if runs & set(s.source.channel.run_ids))
 
 
-def unlike_effects(of: Searched, every: Sequence[Searched]) -> tuple[Unlike, ...]:
+def unlike_effects(of: SearchedChannel, every: Sequence[SearchedChannel]) -> tuple[Unlike, ...]:
     """Return the effects found in an accelerometer that its neighbours in the same runs refute.
 
     An effect whose sizes are unlike is refuted, unless beside the terms that each accelerometer may
@@ -106,17 +100,17 @@ def unlike_effects(of: Searched, every: Sequence[Searched]) -> tuple[Unlike, ...
         return ()
     known = {e.name: e for e in of.source.effects}
     refuted: list[Unlike] = []
-    for effect in (known[n] for n in sorted(of.named) if known[n].cause in COMMON):
+    for effect in (known[n] for n in sorted(of.result.names) if known[n].cause in COMMON):
         first = _compared(effect, group, beside_equation=False)
         if first.alike:
             continue
         second = _compared(effect, group, beside_equation=True)
-        if not (second.alike and second.common > of.search.rules.further):
-            refuted.append(first.told(effect, group))
+        if not (second.alike and second.common > of.result.rules.further):
+            refuted.append(first.evidence_against(effect, group))
     return tuple(refuted)
 
 
-def shared_effects(every: Sequence[Searched]) -> tuple[SharedEffect, ...]:
+def shared_effects(every: Sequence[SearchedChannel]) -> tuple[SharedEffect, ...]:
     """Return the causes that several accelerometers shared, each once.
 
     Those of the head, the chamber and the digitiser that `unlike_effects` has left, and what
@@ -125,7 +119,7 @@ def shared_effects(every: Sequence[Searched]) -> tuple[SharedEffect, ...]:
     found: dict[tuple[str, frozenset[str]], SharedEffect] = {}
     for of in every:
         for effect in of.source.effects:
-            showing = [s for s in together(of, every) if effect.name in s.named]
+            showing = [s for s in together(of, every) if effect.name in s.result.names]
             if effect.cause == "run":
                 showing = [s for s in showing if _at_one_moment(effect.name, of, s)]
             elif effect.cause not in COMMON:
@@ -137,7 +131,7 @@ def shared_effects(every: Sequence[Searched]) -> tuple[SharedEffect, ...]:
     return tuple(found.values())
 
 
-def _at_one_moment(name: str, one: Searched, other: Searched) -> bool:
+def _at_one_moment(name: str, one: SearchedChannel, other: SearchedChannel) -> bool:
     """Tell whether an event that both show has the same instant, where it has one."""
     thetas = [
         next((s.choice.theta for s in x.result.slots if s.choice.name == name), None)
@@ -161,7 +155,7 @@ class _Comparison:
     def alike(self) -> bool:
         return self.freedom < 1 or float(stats.chi2.sf(self.excess, self.freedom)) > ALPHA
 
-    def told(self, effect: ThermalEffect, group: Sequence[Searched]) -> Unlike:
+    def evidence_against(self, effect: ThermalEffect, group: Sequence[SearchedChannel]) -> Unlike:
         return Unlike(
             effect=effect.name,
             serials=tuple(s.serial for s in group),
@@ -172,11 +166,11 @@ class _Comparison:
 
 
 def _compared(
-    effect: ThermalEffect, group: Sequence[Searched], *, beside_equation: bool
+    effect: ThermalEffect, group: Sequence[SearchedChannel], *, beside_equation: bool
 ) -> _Comparison:
     """Fit an effect with common coefficients and with each accelerometer's own."""
     views = [_beside(effect.name, s, equation=beside_equation) for s in group]
-    found = [(v, c) for v in views if (c := _supplest(effect.name, v)) is not None]
+    found = [(v, c) for v in views if (c := _most_flexible(effect.name, v)) is not None]
     theta = _where_clearest(found)
     parts = [_Normal.of(view, columns_of(c.signature(theta))) for view, c in found]
     gains = [p.gain() for p in parts]
@@ -213,7 +207,7 @@ class _Normal:
     def gain(self) -> tuple[float, int]:
         """Return the chi-square that the columns explain, and in how many directions.
 
-        What is next to nothing of a column, beside the others, tells nothing.
+        A column of which hardly anything is left beside the others tells nothing.
         """
         scale = np.sqrt(np.where(self.lengths2 > 0.0, self.lengths2, 1.0))
         values, vectors = np.linalg.eigh(self.matrix / np.outer(scale, scale))
@@ -222,7 +216,7 @@ class _Normal:
         return float(np.sum(along**2 / values[kept])), int(np.count_nonzero(kept))
 
 
-def _beside(name: str, of: Searched, *, equation: bool) -> View:
+def _beside(name: str, of: SearchedChannel, *, equation: bool) -> View:
     """Return an accelerometer's view of an effect, beside what was found in other places.
 
     With `equation`, beside every term of the equation that the present model lacks as well.
@@ -230,15 +224,15 @@ def _beside(name: str, of: Searched, *, equation: bool) -> View:
     others = [s.choice for s in of.result.slots if name not in (s.choice.name, *s.alias)]
     if equation:
         held = {c.name for c in others}
-        joint = [c for c in of.search.view(others).problem.candidates if c.joint]
+        joint = [c for c in of.result.view(others).problem.candidates if c.joint]
         others += [Choice(c.name, c.grid[0]) for c in joint if c.name not in held]
-    return of.search.view(others)
+    return of.result.view(others)
 
 
-def _supplest(name: str, view: View) -> Candidate | None:
-    """Return the richest form of an effect; None where the runs do not give its input."""
+def _most_flexible(name: str, view: View) -> Candidate | None:
+    """Return the flexible form of an effect; None where the runs do not give its input."""
     found = next((c for c in view.problem.candidates if c.name == name), None)
-    return found and (found.richer or found)
+    return found and (found.flexible or found)
 
 
 def _where_clearest(found: Sequence[tuple[View, Candidate]]) -> Theta:

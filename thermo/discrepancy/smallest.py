@@ -1,4 +1,4 @@
-"""How large each effect must be for the runs at hand to name it."""
+"""Smallest size of each effect that the runs at hand can name."""
 
 from collections.abc import Mapping
 from typing import TYPE_CHECKING

@@ -8,17 +8,11 @@ import numpy as np
 
 from errormodel.arrays import FloatArray
 from errormodel.columns import derivative
-from errormodel.discrepancy.choices import Choice
-from errormodel.discrepancy.problem import (
-    Candidate,
-    Factor,
-    Problem,
-    Signature,
-    Theta,
-    independent,
-)
+from errormodel.discrepancy.problem import Candidate, Factor, Problem, Signature, Theta
+from errormodel.discrepancy.search.choices import Choice
+from errormodel.linear import independent
 from errormodel.model import ErrorModel
-from errormodel.noise.shapes import NoiseShape
+from errormodel.noise.model import NoiseModel
 from errormodel.record import Record
 from errormodel.terms import InputChange, Term
 from thermo.discrepancy.blocks import Blocks, blocks_of
@@ -49,7 +43,7 @@ class Fitted:
 
     @property
     def idle(self) -> frozenset[str]:
-        """Unknowns that have no effect in these runs: nothing was learnt of them."""
+        """Parameters that have no effect in these runs: nothing was learnt of them."""
         columns = zip(self.free, self.jacobian.T, strict=True)
         return frozenset(name for name, column in columns if not column.any())
 
@@ -68,13 +62,13 @@ class ThermalSource:
         self.blocks: Blocks = blocks_of(channel)
         self.seen = Seen(channel, self.blocks)
         self._context = self._make_context()
-        self._cached: dict[tuple[tuple[Choice, ...], NoiseShape], Problem] = {}
-        self._fits: dict[tuple[tuple[Choice, ...], NoiseShape], Fitted] = {}
+        self._cached: dict[tuple[tuple[Choice, ...], NoiseModel], Problem] = {}
+        self._fits: dict[tuple[tuple[Choice, ...], NoiseModel], Fitted] = {}
         self._reps: FloatArray | None = None
 
     @cached_property
     def factors(self) -> tuple[Factor, ...]:
-        """What the residual may follow."""
+        """Factors that the residual may follow."""
         return factors_of(self.seen)
 
     @cached_property
@@ -124,7 +118,7 @@ class ThermalSource:
     def form_of(self, choice: Choice) -> Form:
         """Return the form that the engine chose."""
         effect = next(e for e in self.effects if e.name == choice.name)
-        return self.forms(effect)[1 if choice.rich else 0]
+        return self.forms(effect)[1 if choice.flexible else 0]
 
     def enlarged(self, chosen: Sequence[Choice]) -> tuple[ErrorModel, dict[str, float]]:
         """Return the model with effects added, and their nonlinear parameters."""
@@ -135,21 +129,21 @@ class ThermalSource:
             held.update(zip(form.parameters, choice.theta, strict=True))
         return model, held
 
-    def fitted(self, chosen: Sequence[Choice], shape: NoiseShape) -> Fitted:
+    def fitted(self, chosen: Sequence[Choice], noise: NoiseModel) -> Fitted:
         """Return the enlarged model refitted, every nonlinear parameter with it."""
-        key = (tuple(chosen), shape)
+        key = (tuple(chosen), noise)
         if key not in self._fits:
-            self._fits[key] = self._fit(chosen, shape)
+            self._fits[key] = self._fit(chosen, noise)
         return self._fits[key]
 
-    def _fit(self, chosen: Sequence[Choice], shape: NoiseShape) -> Fitted:
+    def _fit(self, chosen: Sequence[Choice], noise: NoiseModel) -> Fitted:
         model, held = self.enlarged(chosen)
         fixed = {
             p for c in chosen if not self.form_of(c).smooth for p in self.form_of(c).parameters
         }
         values = {**model.start_values(), **held}
         free = tuple(n for n in model.names if n not in fixed)
-        whitener = shape.whitener(self.blocks.times)
+        whitener = noise.whitener(self.blocks.times)
         best = self._linearised(model, values, free)
         cost = float(np.sum(whitener.whiten(best.residual) ** 2))
         for _ in range(REFITS):
@@ -185,16 +179,16 @@ class ThermalSource:
             free=tuple(free),
         )
 
-    def problem(self, chosen: Sequence[Choice], shape: NoiseShape) -> Problem:
+    def problem(self, chosen: Sequence[Choice], noise: NoiseModel) -> Problem:
         """Return the engine's problem of the enlarged model, refitted under a noise."""
-        key = (tuple(chosen), shape)
+        key = (tuple(chosen), noise)
         if key not in self._cached:
-            self._cached[key] = self._problem(chosen, shape)
+            self._cached[key] = self._problem(chosen, noise)
         return self._cached[key]
 
-    def outline(self, shape: NoiseShape) -> Problem:
+    def outline(self, noise: NoiseModel) -> Problem:
         """Return the problem of the present model without what the noise is estimated beside."""
-        fitted = self.fitted((), shape)
+        fitted = self.fitted((), noise)
         return Problem(
             times=self.blocks.times,
             residual=fitted.residual,
@@ -203,8 +197,8 @@ class ThermalSource:
             saturated=np.zeros((fitted.residual.size, 0)),
         )
 
-    def _problem(self, chosen: Sequence[Choice], shape: NoiseShape) -> Problem:
-        fitted = self.fitted(chosen, shape)
+    def _problem(self, chosen: Sequence[Choice], noise: NoiseModel) -> Problem:
+        fitted = self.fitted(chosen, noise)
         names = {c.name for c in chosen}
         left = [e for e in self.effects if e.name not in names]
         candidates = _Candidates(self, fitted).of(left)
@@ -267,9 +261,9 @@ class _Candidates:
             forms = self.source.forms(effect)
             if not forms or not self._possible(forms[0]):
                 continue
-            richer = [form for form in forms[1:2] if self._possible(form)]
-            rich = self._candidate(effect, richer[0], None) if richer else None
-            made.append(self._candidate(effect, forms[0], rich))
+            possible = [form for form in forms[1:2] if self._possible(form)]
+            flexible = self._candidate(effect, possible[0], None) if possible else None
+            made.append(self._candidate(effect, forms[0], flexible))
         return tuple(made)
 
     def _possible(self, form: Form) -> bool:
@@ -282,7 +276,9 @@ class _Candidates:
         )
         return self.source.channel.has_input or not needy
 
-    def _candidate(self, effect: ThermalEffect, form: Form, rich: Candidate | None) -> Candidate:
+    def _candidate(
+        self, effect: ThermalEffect, form: Form, flexible: Candidate | None
+    ) -> Candidate:
         terms = [term(n) for n in form.terms]
         bounds = {p.name: (p.lo, p.hi) for t in terms for p in t.parameters}
         changes = any(isinstance(t, InputChange) for t in terms)
@@ -301,7 +297,7 @@ class _Candidates:
             finer=None if form.smooth else self.source.instants_about,
             # one run tells nothing of what repeats: everything is judged beside its own noise
             event=effect.event or self.source.seen.runs == 1,
-            richer=rich,
+            flexible=flexible,
             joint=ORDER_NAMES.issuperset(set(form.terms) - set(STATIC_NAMES)),
         )
 
@@ -348,7 +344,7 @@ def _representatives(candidates: Sequence[Candidate], rows: int) -> FloatArray:
     """Return signatures that stand for what may be missing and would repeat, for the noise."""
     pieces: list[FloatArray] = []
     for candidate in (c for c in candidates if not c.event):
-        every = candidate.prepared()
+        every = candidate.grid_signatures
         chosen = every[:: max(1, len(every) // 4)]
         for s in chosen:
             pieces.append(s.columns if s.offset is None else s.offset[:, None])

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from errormodel.arrays import FloatArray
-from errormodel.discrepancy.choices import SearchResult
-from errormodel.discrepancy.floor import NoiseFloor
 from errormodel.discrepancy.gate import FactorFinding, Judgement
+from errormodel.discrepancy.search.state import SearchState
 from errormodel.model import ErrorModel
+from errormodel.noise.model import NoiseFit
 from thermo.discrepancy.source import Fitted, ThermalSource
 from thermo.library import thermal_library
 
@@ -50,9 +50,9 @@ class EffectFound:
 
 
 def parameter_values(
-    fitted: Fitted, source: ThermalSource, floor: NoiseFloor
+    fitted: Fitted, source: ThermalSource, floor: NoiseFit
 ) -> dict[str, ParameterValue]:
-    """Return every unknown of a fitted model with its sigma under the noise, as reported."""
+    """Return every parameter of a fitted model with its sigma under the noise, as reported."""
     covariance = _covariance(fitted, source, floor)
     # what two columns share beyond rounding has no sigma
     variances = np.where(np.diag(covariance) > 0.0, np.diag(covariance), np.nan)
@@ -73,9 +73,9 @@ def _units(model: ErrorModel, scale: float, unit: str) -> dict[str, tuple[float,
     return {**known, **({"k1": (scale, f"{unit}/g")} if "k1" in known else {})}
 
 
-def _covariance(fitted: Fitted, source: ThermalSource, floor: NoiseFloor) -> FloatArray:
-    whitener = floor.shape.whitener(source.blocks.times)
-    white = whitener.whiten(fitted.jacobian) / floor.sigma
+def _covariance(fitted: Fitted, source: ThermalSource, floor: NoiseFit) -> FloatArray:
+    whitener = floor.noise.whitener(source.blocks.times)
+    white = whitener.whiten(fitted.jacobian) / floor.noise.white
     norms = np.linalg.norm(white, axis=0)
     norms = np.where(norms > 0, norms, 1.0)
     scaled = white / norms
@@ -83,7 +83,7 @@ def _covariance(fitted: Fitted, source: ThermalSource, floor: NoiseFloor) -> Flo
 
 
 def effects_found(
-    source: ThermalSource, fitted: Fitted, result: SearchResult, floor: NoiseFloor
+    source: ThermalSource, fitted: Fitted, result: SearchState, floor: NoiseFit
 ) -> tuple[EffectFound, ...]:
     """Return the effects of the verdict with their sizes and sentences."""
     values = parameter_values(fitted, source, floor)

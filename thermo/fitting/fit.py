@@ -9,7 +9,7 @@ from errormodel.arrays import FloatArray
 from errormodel.errors import InputError, NotSeparableError
 from errormodel.fit import ModelFit, fit
 from errormodel.model import ErrorModel
-from errormodel.noise.drift import NoiseModel
+from errormodel.noise.model import NoiseModel
 from errormodel.run_effects import RunEffect
 from thermo.fitting.terms_wanted import TermsFile, read_terms
 from thermo.recording.channel import (

@@ -5,9 +5,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from errormodel.constants import STANDARD_GRAVITY_M_S2
 from errormodel.fit import examine, expected_covariance
 from errormodel.model import ErrorModel
-from errormodel.noise.drift import NoiseModel
+from errormodel.noise.model import NoiseModel
 from errormodel.record import Record
 from thermo.compensation.model_file import reported_units, reporting_factors
 from thermo.library import term
@@ -173,7 +174,7 @@ def planned_channel(runs: Sequence[RunPlan], t_ref_c: float, mount_deg: float = 
         has_input=True,
         output_unit="g",
         nominal_scale=1.0,
-        gravity_m_s2=9.80665,
+        gravity_m_s2=STANDARD_GRAVITY_M_S2,
     )
 
 

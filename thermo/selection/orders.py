@@ -11,7 +11,7 @@ from errormodel.errors import InputError
 from errormodel.fit import ModelFit, examine, fit, whitened_products
 from errormodel.linear import compress, compressed, solve_compressed, triangle_of
 from errormodel.model import ErrorModel
-from errormodel.noise.drift import NoiseModel
+from errormodel.noise.model import NoiseModel
 from errormodel.run_effects import estimate_run_effects
 from thermo.library import MAX_ORDER, STATIC_NAMES, term
 from thermo.library.head import remount_name

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from errormodel.arrays import FloatArray, IntArray
+from errormodel.arrays import FloatArray, IntArray, rms
 from thermo.recording.channel import COOLING, HEATING, HOLD, Channel
 
 # Temperature cells of the heating-minus-cooling comparison; a cell counts when each direction has
@@ -106,11 +106,6 @@ def constants_only_ug(
         left = output - a_i_g * (own_scale or 1.0)
         return 1e6 * (left - left.mean()) / (own_scale or 1.0)
     return 1e6 * (output - columns @ solution) / (own_scale or float(solution[1]))
-
-
-def rms(values: FloatArray) -> float:
-    """Return the root mean square."""
-    return float(np.sqrt(np.mean(values**2)))
 
 
 def _group(name: str, values: FloatArray) -> ResidualGroup:

@@ -19,7 +19,8 @@ from scipy import stats
 from errormodel.arrays import FloatArray, IntArray
 from errormodel.fit import expected_covariance
 from errormodel.model import ErrorModel
-from errormodel.noise.drift import NoiseFit, NoiseModel, estimate_noise
+from errormodel.noise.drift_or_white import estimate_noise
+from errormodel.noise.model import NoiseFit, NoiseModel
 from errormodel.record import Record
 
 # Runs are taken to be alike in their noise unless chance gives such a difference in one of 10⁴.

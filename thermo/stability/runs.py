@@ -10,7 +10,7 @@ from errormodel.columns import derivative
 from errormodel.errors import InputError
 from errormodel.fit import ModelFit, examine, fit
 from errormodel.model import ErrorModel
-from errormodel.noise.drift import NoiseFit, NoiseModel
+from errormodel.noise.model import NoiseFit, NoiseModel
 from errormodel.record import Record
 from errormodel.terms import Term
 from thermo.fitting.fit import AccelerometerFit

@@ -7,14 +7,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from errormodel.arrays import FloatArray
+from errormodel.constants import T_REF_C
 from errormodel.model import ErrorModel
+from errormodel.noise.model import NoiseModel
 from errormodel.record import Record
 from errormodel.terms import Memory
 from thermo.library import term
 from thermo.recording.signals import Conditions, emulated_columns, signals_of
 from thermo.twin.assembly_stress import assembly_stress
 
-T_REF_C = 25.0
 # The accelerometer's memory (a loop, a lag) follows its temperature at least this often, read or
 # not: no turning point is missed by more than what 30 s can do, and what happens on the way to a
 # run and in the rests between runs is in it.
@@ -36,6 +37,13 @@ class EmulatedAccelerometer:
     drift_ug: float = 3.0
     drift_tau_s: float = 3600.0
     turn_on_ug: float = 0.0
+
+    @property
+    def noise(self) -> NoiseModel:
+        """Noise of a reading, g."""
+        return NoiseModel(
+            white=1e-6 * self.white_ug, drift=1e-6 * self.drift_ug, drift_tau_s=self.drift_tau_s
+        )
 
 
 def emulated_accelerometer(
@@ -102,7 +110,7 @@ class AccelerometerState:
 
     def restart(self) -> None:
         """Draw a new drift and a new offset, as after power-on."""
-        self.drift_g = 1e-6 * self.given.drift_ug * float(self.rng.standard_normal())
+        self.drift_g = self.given.noise.drift * float(self.rng.standard_normal())
         if self.given.turn_on_ug:
             self.turn_on_g = 1e-6 * self.given.turn_on_ug * float(self.rng.standard_normal())
 
@@ -130,12 +138,11 @@ class AccelerometerState:
         output, self.memory = self.given.model.continue_simulation(
             record, self.given.values, self.memory
         )
-        keep = np.exp(-(now_s - self.last_s) / self.given.drift_tau_s)
-        kick = np.sqrt(1.0 - keep**2) * float(self.rng.standard_normal())
-        self.drift_g = keep * self.drift_g + 1e-6 * self.given.drift_ug * kick
+        keep, sigma = self.given.noise.drift_step(now_s - self.last_s)
+        self.drift_g = keep * self.drift_g + sigma * float(self.rng.standard_normal())
         self.last_s = now_s
         self.passed.clear()
-        white_g = 1e-6 * self.given.white_ug * float(self.rng.standard_normal())
+        white_g = self.given.noise.white * float(self.rng.standard_normal())
         return float(output[-1]) + self.drift_g + self.turn_on_g + white_g
 
 

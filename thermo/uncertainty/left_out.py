@@ -11,8 +11,8 @@ from functools import partial
 
 import numpy as np
 
+from errormodel.arrays import rms
 from thermo.recording.channel import Channel
-from thermo.selection.residuals import rms
 from thermo.uncertainty.linearised import Linearised, effect_of
 from thermo.uncertainty.missing_effects import Missing, missing_effects
 

@@ -15,7 +15,7 @@ from errormodel.arrays import FloatArray
 from errormodel.blocks import block_slices, parts_of_runs
 from errormodel.columns import Columns
 from errormodel.fit import ModelFit
-from errormodel.noise.drift import NoiseModel
+from errormodel.noise.model import NoiseModel
 from errormodel.noise.whitening import DriftProduct
 from errormodel.record import Record
 from errormodel.run_effects import RunEffect

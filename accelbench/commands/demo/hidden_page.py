@@ -21,9 +21,8 @@ from accelbench.shell.plotting import (
     thinned,
     unit_of,
 )
-from errormodel.arrays import FloatArray
+from errormodel.arrays import FloatArray, rms
 from thermo.discrepancy.find import Discrepancy
-from thermo.discrepancy.held_out import rms
 from thermo.recording.files import RecordedRuns
 
 NEXT_RUN_NAME = "next_run.html"

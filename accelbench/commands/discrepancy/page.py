@@ -1,10 +1,14 @@
 """The report of a verdict: one page a metrologist would sign, and its figures."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 from accelbench.commands.discrepancy.figures import draw_factor, draw_gap
 from accelbench.commands.discrepancy.text import VERDICT_WORDS, shared_lines, verdict_lines
-from accelbench.commands.discrepancy.verdict_page import VerdictPage, render_verdicts
+from accelbench.commands.discrepancy.verdict_page import (
+    VerdictPage,
+    render_verdicts,
+    rival_rows,
+)
 from accelbench.commands.fit.text import value_and_sigma
 from accelbench.shell.console import number
 from thermo.discrepancy.find import Discrepancy
@@ -25,7 +29,7 @@ def render_discrepancy(found: Sequence[Discrepancy], runs: RecordedRuns) -> dict
     ----------
     found : sequence of Discrepancy
     runs : RecordedRuns
-        What they were found in.
+        Runs that they were found in.
 
     Returns
     -------
@@ -36,6 +40,7 @@ def render_discrepancy(found: Sequence[Discrepancy], runs: RecordedRuns) -> dict
 
 
 def _page(d: Discrepancy) -> VerdictPage:
+    sizes = {n: f"{number(p.value, 2)} {p.unit}" for n, p in smallest_nameable(d).items()}
     return VerdictPage(
         name=d.serial,
         verdict=VERDICT_WORDS[d.verdict],
@@ -46,42 +51,18 @@ def _page(d: Discrepancy) -> VerdictPage:
             for name, p in e.parameters.items()
         ),
         pictures=(draw_factor(d), draw_gap(d)),
-        rivals=tuple(_rivals(d)),
+        rivals=tuple(rival_rows(d, d.source.effects, sizes, d.source.holds_some)),
         noise=_noise(d),
     )
 
 
-def _rivals(d: Discrepancy) -> Iterator[tuple[str, str, str, str]]:
-    """Yield every effect of the library with how it was judged."""
-    smallest = smallest_nameable(d)
-    below = dict(d.result.slots[0].rivals) if d.effects else {}
-    alias = {n for s in d.alias_sets for n in s}
-    named = {e.name for e in d.effects}
-    for effect in d.source.effects:
-        name = effect.name
-        least = smallest.get(name)
-        size = f"{number(least.value, 2)} {least.unit}" if least else "–"
-        if name in named:
-            judged = "named"
-        elif name in alias:
-            judged = "cannot be told from the one named"
-        elif name in d.invisible:
-            judged = "cannot be seen in these runs"
-        elif d.source.holds_some(effect):
-            judged = "in the present model"
-        else:
-            judged = "excluded" if d.effects else "not called for"
-        yield name, number(below.get(name), 3), judged, size
-
-
 def _noise(d: Discrepancy) -> str:
-    shape, sigma = d.floor.shape, d.floor.sigma
-    text = f"{number(sigma, 3)} µg white in a block mean"
-    if shape.family == "white":
+    noise = d.floor.noise
+    text = f"{number(noise.white, 3)} µg white in a block mean"
+    if noise.family == "white":
         return text
     slow = ", ".join(
-        f"{number(sigma * v**0.5, 3)} µg over {number(t / 3600, 2)} h"
-        for v, t in zip(shape.variance, shape.tau_s, strict=True)
+        f"{number(noise.drift, 3)} µg over {number(t / 3600, 2)} h" for t in noise.slow_tau_s
     )
     words = {"drift": "drift", "walk": "a random walk, as", "flicker": "flicker noise, as"}
-    return f"{text}, and {words[shape.family]} {slow}"
+    return f"{text}, and {words[noise.family]} {slow}"

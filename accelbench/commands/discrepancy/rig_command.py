@@ -4,56 +4,66 @@ from pathlib import Path
 
 import click
 
+from accelbench.commands.discrepancy.options import REPORT, RUNS, SEED, tell
 from accelbench.commands.discrepancy.rig_text import enlarged, rig_document, rig_text
-from accelbench.shell.console import emit
+from accelbench.shell.library import library_option
 from accelbench.shell.outputs import (
-    REPORT_NAME,
+    Results,
     check_results,
+    force_option,
+    json_option,
     with_sidecars,
 )
-from errormodel.io.atomic import write_files
-from sinscal.discrepancy.find import find_rig_discrepancy
+from sinscal.discrepancy.find import RigDiscrepancy, find_rig_discrepancy
 from sinscal.library import rig_library
 from sinscal.model.larger_model import read_rig_model, rig_model_toml
 from sinscal.recording.files import read_rig_run
 from sinscal.recording.join import join_runs
+from sinscal.recording.run import RigRun
 
 
+@click.command("rig")
+@RUNS
+@click.option("--model", type=Path, help="MODEL.toml: the present model.")
+@click.option("--out", type=Path, help="MODEL.toml to write: the larger model.")
+@REPORT
+@SEED
+@force_option
+@library_option("--effects")
+@json_option
 def discrepancy_rig(
     files: tuple[Path, ...],
     model: Path | None,
     out: Path | None,
     report: Path | None,
-    *,
     seed: int,
     force: bool,
     as_json: bool,
 ) -> None:
-    """Search the innovations of the rig filter, over cycles that follow one another."""
+    """Find where a rig run and the filter's model disagree, and name the effect that is missing.
+
+    Several files hold cycles that follow one another. Without --model the present model has biases,
+    scale errors and misalignments. In Python: accelbench.rig.discrepancy.
+    """
     inputs = [*with_sidecars(list(files)), *([model] if model else [])]
     check_results(out, report, inputs, force=force)
     present = read_rig_model(model) if model else None
     run = join_runs([read_rig_run(f) for f in files])
-    found = find_rig_discrepancy(run, present=present, seed=seed, tell=_tell)
-    document, text = rig_document(found), list(rig_text(found))
-    written: list[tuple[Path, bytes]] = []
-    if out is not None:
-        sentences = {e.name: e.sentence for e in rig_library().effects}
-        written.append((out, rig_model_toml(enlarged(found), sentences).encode()))
-        document["out"] = str(out)
-        text.append(f"larger model: {out}")
-    if report is not None:
-        from accelbench.commands.discrepancy.rig_page import (
-            render_rig_discrepancy,  # matplotlib: a second
-        )
-
-        pages = render_rig_discrepancy(found, run)
-        written += [(report / name, content) for name, content in pages.items()]
-        document["report"] = str(report / REPORT_NAME)
-        text.append(f"report: {report / REPORT_NAME}")
-    write_files(written)
-    emit(document, text, as_json=as_json)
+    found = find_rig_discrepancy(run, present=present, seed=seed, tell=tell)
+    results = Results(rig_document(found), list(rig_text(found)))
+    results.add_file("larger model", out, lambda: _larger_model(found))
+    results.add_report(report, lambda: _pages(found, run))
+    results.write(as_json=as_json)
 
 
-def _tell(line: str) -> None:
-    click.echo(line, err=True)
+def _larger_model(found: RigDiscrepancy) -> str:
+    sentences = {e.name: e.sentence for e in rig_library().effects}
+    return rig_model_toml(enlarged(found), sentences)
+
+
+def _pages(found: RigDiscrepancy, run: RigRun) -> dict[str, bytes]:
+    from accelbench.commands.discrepancy.rig_page import (
+        render_rig_discrepancy,  # matplotlib takes its second
+    )
+
+    return render_rig_discrepancy(found, run)

@@ -106,7 +106,10 @@ def draw_cycles(d: RigDiscrepancy) -> Picture:
     names, what, unit, size = FORCES, "forces", "mm/s²", 1e-3
     if d.channel == ALONG:
         names, what, unit, size = (ALONG,), "rig's angle", "″", ARCSEC
-    panels = [(d.gaps, "in the filter"), (d.heldout, "held out: chosen and sized by the others")]
+    panels = [
+        (d.gaps, "in the filter"),
+        (d.held_out_parts, "held out: chosen and sized by the others"),
+    ]
     panels = [(gaps, title) for gaps, title in panels if gaps]
     figure = new_figure(4.6 * len(panels) + 1.0, 3.6)
     drawn = np.atleast_1d(figure.subplots(1, len(panels), sharey=True))

@@ -1,12 +1,16 @@
 """The report of a verdict on a rig run: one page, and its figures."""
 
-from collections.abc import Iterator
+from collections.abc import Mapping
 from pathlib import Path
 
 from accelbench.commands.discrepancy.rig_figures import draw_cycles, draw_innovations
 from accelbench.commands.discrepancy.rig_text import rig_lines, told_noise, told_parameters
 from accelbench.commands.discrepancy.text import VERDICT_WORDS
-from accelbench.commands.discrepancy.verdict_page import VerdictPage, render_verdicts
+from accelbench.commands.discrepancy.verdict_page import (
+    VerdictPage,
+    render_verdicts,
+    rival_rows,
+)
 from accelbench.shell.console import number
 from sinscal.discrepancy.find import RigDiscrepancy
 from sinscal.library import rig_library
@@ -31,7 +35,7 @@ def render_rig_discrepancy(d: RigDiscrepancy, run: RigRun) -> dict[str, bytes]:
     ----------
     d : RigDiscrepancy
     run : RigRun
-        What it was found in.
+        Run that it was found in.
 
     Returns
     -------
@@ -44,36 +48,22 @@ def render_rig_discrepancy(d: RigDiscrepancy, run: RigRun) -> dict[str, bytes]:
         lines=tuple(rig_lines(d)),
         effects=tuple(told_parameters(d)),
         pictures=(draw_innovations(d), draw_cycles(d)),
-        rivals=tuple(_rivals(d)),
+        rivals=tuple(rival_rows(d, d.source.effects, _smallest(d), d.source.holds)),
         noise=_noise(d),
     )
     cycles = [f"{name}, {len(run.cycles)} cycles"]
     return render_verdicts("What is missing from the model of a SINS", cycles, [page], CONVENTIONS)
 
 
-def _rivals(d: RigDiscrepancy) -> Iterator[tuple[str, str, str, str]]:
-    """Yield every effect of the library with how it was judged."""
-    below = dict(d.result.slots[0].rivals) if d.effects else {}
-    alias = {n for s in d.alias_sets for n in s}
-    named = {e.effect.name for e in d.effects}
+def _smallest(d: RigDiscrepancy) -> Mapping[str, str]:
+    """Return the smallest size of each effect that can be named, in the unit it is reported in."""
+    made: dict[str, str] = {}
     for effect in d.source.effects:
-        name = effect.name
-        size = "–"
-        if name in d.smallest_nameable:
-            value, _ = d.smallest_nameable[name]
-            told = rig_library().told[(*effect.groups, name)[0]].told_in
-            size = f"{number(value / told.size, 2)} {told.unit}"
-        if name in named:
-            judged = "named"
-        elif name in alias:
-            judged = "cannot be told from the one named"
-        elif d.source.holds(effect):
-            judged = "in the present model"
-        elif name in d.invisible:
-            judged = "cannot be seen in this run"
-        else:
-            judged = "excluded" if d.effects else "not called for"
-        yield name, number(below.get(name), 3), judged, size
+        if effect.name in d.smallest_nameable:
+            value, _ = d.smallest_nameable[effect.name]
+            told = rig_library().told[(*effect.groups, effect.name)[0]].told_in
+            made[effect.name] = f"{number(value / told.size, 2)} {told.unit}"
+    return made
 
 
 def _noise(d: RigDiscrepancy) -> str:

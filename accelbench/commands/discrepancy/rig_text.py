@@ -1,4 +1,4 @@
-"""The verdict on a rig run told: as JSON, in words, and as the larger model."""
+"""The verdict on a rig run: as JSON, in words, and as the larger model."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -55,7 +55,7 @@ def rig_document(d: RigDiscrepancy) -> dict[str, Any]:
         "floor_si": d.floor,
         "gaps": [_gap(g) for g in d.gaps],
         "heldout": {
-            "runs": [{**_gap(g), "named_without_it": list(g.names)} for g in d.heldout],
+            "runs": [{**_gap(g), "named_without_it": list(g.names)} for g in d.held_out_parts],
         },
         "invisible": list(d.invisible),
         "smallest_nameable": {
@@ -107,7 +107,7 @@ def rig_lines(d: RigDiscrepancy) -> Iterator[str]:
     for n in d.noise:
         if n.differs:
             yield f"The noise stated beside the run is not its noise: {told_noise(n)}."
-    for g in d.heldout:
+    for g in d.held_out_parts:
         if set(g.names) != {e.effect.name for e in d.effects}:
             others = " and ".join(g.names) or "nothing"
             yield f"Without cycle {g.cycle} the others would name {others}."

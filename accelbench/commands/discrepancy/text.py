@@ -1,4 +1,4 @@
-"""A verdict told: as the JSON of `accelbench discrepancy`, and in words."""
+"""A verdict as the JSON of `accelbench discrepancy thermal`, and in words."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -6,7 +6,7 @@ from typing import Any
 from rich.console import RenderableType
 
 from accelbench.shell.console import micro_g, number, table
-from errormodel.discrepancy.gate import Conclusion
+from errormodel.discrepancy.investigation import Conclusion
 from thermo.discrepancy.find import Discrepancy
 from thermo.discrepancy.shared import SharedEffect
 from thermo.discrepancy.smallest import smallest_nameable
@@ -86,19 +86,19 @@ def _one(d: Discrepancy) -> dict[str, Any]:
         "something_left": d.judgement.loud or d.judgement.loud_noise,
         **conclusion_document(d),
         "noise": {
-            "family": d.floor.shape.family,
-            "white_ug": d.floor.sigma,
-            "slow_ug": [d.floor.sigma * v**0.5 for v in d.floor.shape.variance],
-            "tau_s": list(d.floor.shape.tau_s),
+            "family": d.floor.noise.family,
+            "white_ug": d.floor.noise.white,
+            "slow_ug": [d.floor.noise.drift for _ in d.floor.noise.slow_tau_s],
+            "tau_s": list(d.floor.noise.slow_tau_s),
         },
         "fit_first": list(d.fit_first),
-        "refuted": [u.effect for u in d.unlike],
+        "refuted": [u.effect for u in d.refuted],
         "baseline": [t.name for t in d.before.model.terms],
         "model": [t.name for t in d.after.model.terms],
     }
 
 
-def conclusion_document(d: Conclusion) -> dict[str, Any]:
+def conclusion_document(d: Conclusion[Any, Any]) -> dict[str, Any]:
     """Return what every search says of its verdict: shares, factors, rivals."""
     return {
         "explained_share": d.judgement.explained_share,
@@ -149,7 +149,7 @@ def shared_lines(found: Sequence[Discrepancy]) -> Iterator[str]:
             yield f"{s.effect} is alike in {told}, as an error of the {s.owner} would be."
 
 
-def rival_lines(d: Conclusion) -> Iterator[str]:
+def rival_lines(d: Conclusion[Any, Any]) -> Iterator[str]:
     """Say what else it could have been, and what not."""
     for s in d.alias_sets:
         yield f"These data cannot tell apart: {', '.join(s)}."
@@ -174,7 +174,7 @@ def verdict_lines(d: Discrepancy) -> Iterator[str]:
             f"{', '.join(d.fit_first)}."
         )
     yield d.where_text
-    for u in d.unlike:
+    for u in d.refuted:
         yield u.sentence
     for e in d.effects:
         yield f"{e.name}: {e.sentence} Strength {number(e.strength_d, 3)}, p {number(e.p_value, 2)}"

@@ -1,17 +1,20 @@
 """The page of a verdict, of a chamber's runs or of a rig's: one that a metrologist would sign."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any, Protocol, TypeVar
 
+from accelbench.shell.console import number
 from accelbench.shell.outputs import REPORT_NAME
 from accelbench.shell.page import embedded, rendered
 from accelbench.shell.plotting import Picture
+from errormodel.discrepancy.investigation import Conclusion
 
 CONVENTIONS = (
     "Strength is the whitened size of an effect beside everything else in the model: how many of "
     "its own sigmas it has. From seven on it can be named.",
-    "p is the probability that noise alone gives as much to any effect of the library; its law "
-    "comes from simulated runs.",
+    "p is the probability that noise alone gives as much to any effect of the library; its "
+    "distribution comes from simulated runs.",
     "Effects within nine of the best in twice the log-likelihood cannot be told apart.",
 )
 
@@ -23,10 +26,10 @@ class VerdictPage:
     Attributes
     ----------
     name : str
-        Of the accelerometer or the run.
+        Accelerometer or run.
     verdict : str
     lines : tuple of str
-        What was found, in sentences.
+        The finding in sentences.
     effects : tuple of (effect, parameter, value, unit)
     pictures : tuple of Picture
     rivals : tuple of (effect, how much less it explains, how it was judged, smallest nameable)
@@ -47,6 +50,54 @@ class VerdictPage:
         return [embedded(p) for p in self.pictures]
 
 
+class Named(Protocol):
+    """An effect of either library."""
+
+    @property
+    def name(self) -> str:
+        """Name of the effect."""
+        ...
+
+
+Effect = TypeVar("Effect", bound=Named)
+
+
+def rival_rows(
+    d: Conclusion[Any, Any],
+    effects: Sequence[Effect],
+    smallest: Mapping[str, str],
+    held: Callable[[Effect], bool],
+) -> Iterator[tuple[str, str, str, str]]:
+    """Yield every effect of the library with how it was judged.
+
+    Parameters
+    ----------
+    d : Conclusion
+    effects : sequence
+        The library.
+    smallest : mapping of str to str
+        The smallest size of an effect that can be named, with its unit.
+    held : callable
+        Tells whether the present model has an effect already.
+    """
+    named = {c.name for c in d.choices}
+    below = dict(d.result.slots[0].rivals) if named else {}
+    alias = {n for s in d.alias_sets for n in s}
+    for effect in effects:
+        name = effect.name
+        if name in named:
+            verdict = "named"
+        elif name in alias:
+            verdict = "cannot be told from the one named"
+        elif held(effect):
+            verdict = "in the present model"
+        elif name in d.invisible:
+            verdict = "cannot be seen in these data"
+        else:
+            verdict = "excluded" if named else "not called for"
+        yield name, number(below.get(name), 3), verdict, smallest.get(name, "–")
+
+
 def render_verdicts(
     title: str, runs: Sequence[str], pages: Sequence[VerdictPage], conventions: Sequence[str]
 ) -> dict[str, bytes]:
@@ -56,10 +107,10 @@ def render_verdicts(
     ----------
     title : str
     runs : sequence of str
-        What the verdicts were found in.
+        Runs that the verdicts were found in.
     pages : sequence of VerdictPage
     conventions : sequence of str
-        How to read it, beside what is common to all.
+        Notes on reading it, beside those common to all.
     """
     html = rendered(
         "discrepancy.html.j2",

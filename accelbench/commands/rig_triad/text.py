@@ -10,7 +10,7 @@ from accelbench.commands.fit.text import value_and_sigma
 from accelbench.shell.console import number, table
 from accelbench.shell.outputs import REPORT_NAME
 from accelbench.shell.page import Page, ReportTable, Section, render_page
-from errormodel.arrays import FloatArray
+from errormodel.arrays import rms
 from sinscal.recording.run import AXES
 from sinscal.triad.rests import RestCalibration
 from sinscal.triad.triad import errors_of
@@ -92,11 +92,6 @@ def unit_of(name: str, unit: str) -> str:
 def formula(done: RestCalibration) -> str:
     """Say how the result is applied."""
     return FORMULA + ("" if done.fit.t_ref_c is None else WITH_TEMPERATURE)
-
-
-def rms(values: FloatArray) -> float:
-    """Return the root of the mean square."""
-    return float(np.sqrt(np.mean(values**2)))
 
 
 def triad_text(done: RestCalibration) -> Iterator[RenderableType]:

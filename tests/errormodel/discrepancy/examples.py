@@ -1,9 +1,14 @@
 """A small problem that is linear in everything, for the engine alone."""
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import numpy as np
 
 from errormodel.discrepancy.problem import Candidate, Factor, Problem, Signature
-from errormodel.noise.shapes import NoiseShape, TimeBase
+from errormodel.discrepancy.search.choices import Choice
+from errormodel.noise.model import NoiseModel
+from errormodel.noise.whitening import TimeBase
 
 
 def time_base(runs: int = 3, n: int = 120, step_s: float = 60.0) -> TimeBase:
@@ -38,6 +43,32 @@ def linear_problem(
         candidates=candidates,
         saturated=np.hstack([ones, wave, square]),
         factors=(Factor(name="wave", groups=(wave, waves(base, 5.0)[:, None]), repeatable=True),),
-        noise=NoiseShape() if known else None,
-        sigma=1.0 if known else None,
+        noise=NoiseModel() if known else None,
     )
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LinearSource:
+    """A source for a problem that is linear in everything, as a filter's innovations are.
+
+    The effects chosen join the baseline by their signature's columns.
+    """
+
+    start: Problem
+
+    def problem(self, chosen: Sequence[Choice], noise: NoiseModel) -> Problem:
+        """Return the problem with the chosen effects' columns in the baseline."""
+        del noise
+        by_name = {c.name: c for c in self.start.candidates}
+        added = [by_name[c.name].signature(c.theta).columns for c in chosen]
+        names = {c.name for c in chosen}
+        return Problem(
+            times=self.start.times,
+            residual=self.start.residual,
+            base=np.hstack([self.start.base, *added]),
+            candidates=tuple(c for c in self.start.candidates if c.name not in names),
+            saturated=np.hstack([self.start.saturated, *added]),
+            factors=self.start.factors,
+            noise=self.start.noise,
+            events=self.start.events,
+        )

@@ -3,9 +3,9 @@
 import numpy as np
 
 from errormodel.discrepancy.events import placed, shapes_allowed
-from errormodel.discrepancy.floor import estimate_floor
 from errormodel.discrepancy.problem import Candidate, Problem, Signature, Theta
-from errormodel.noise.shapes import NoiseShape, drifting
+from errormodel.noise.floor import estimate_floor
+from errormodel.noise.model import NoiseModel, drifting
 from tests.errormodel.discrepancy.examples import time_base
 
 BASE = time_base()
@@ -46,9 +46,9 @@ def test_a_noise_without_the_step_stands_beside_the_step() -> None:
     noise = rng.standard_normal(len(BASE))
     problem = with_step(noise + 3.0 * (HOURS[200] <= HOURS))
     floor = estimate_floor(BASE, problem.residual, problem.saturated)
-    assert floor.shape.family != "white"
+    assert floor.noise.family != "white"
     shapes = shapes_allowed(problem, floor)
-    assert NoiseShape() in shapes
+    assert NoiseModel() in shapes
     ratio = placed(problem, shapes, problem.candidates[0]).ratio
     without = placed(problem, [s for _, s in floor.support], problem.candidates[0]).ratio
     # what the allowance is for: the floor's shapes alone see less of the step

@@ -4,15 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from errormodel.discrepancy.floor import NoiseFloor
-from errormodel.discrepancy.nulls import calibrate
+from errormodel.discrepancy.nulls import simulate_nulls
 from errormodel.discrepancy.scale import Scales
-from errormodel.noise.shapes import NoiseShape
+from errormodel.noise.model import NoiseModel, given_noise
 from tests.errormodel.discrepancy.examples import linear_problem, time_base, waves
 
 BASE = time_base()
 FIRST = np.arange(len(BASE)) % 3 > 0  # two thirds of all samples
-FLOOR = NoiseFloor(shape=NoiseShape(), sigma=1.0, support=((1.0, NoiseShape()),))
+FLOOR = given_noise(NoiseModel())
 WAVES = np.column_stack([waves(BASE, k) for k in (1.0, 2.0, 3.0, 5.0)])
 PROBLEM = replace(
     linear_problem(np.zeros(len(BASE)), BASE), saturated=WAVES, scaled=(FIRST, ~FIRST)
@@ -36,7 +35,7 @@ def test_a_sigma_found_in_few_samples_widens_the_law() -> None:
     few = replace(PROBLEM, saturated=np.eye(len(BASE))[:, 12:], scaled=(np.ones(len(BASE), bool),))
     assert Scales(few).free == (12,)
     known, found = (
-        calibrate(p, FLOOR, draws=2000, rng=np.random.default_rng(4)).gains["wave"].mean
+        simulate_nulls(p, FLOOR, draws=2000, rng=np.random.default_rng(4)).gains["wave"].mean
         for p in (replace(few, scaled=()), few)
     )
     # variance of F(1, 12) is 2·12²·11/(10²·8) = 3.96, of χ² 2: the difference of the means to 0.06

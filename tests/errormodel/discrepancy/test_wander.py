@@ -5,12 +5,12 @@ import numpy as np
 from errormodel.arrays import FloatArray
 from errormodel.discrepancy.problem import Problem
 from errormodel.discrepancy.wander import over_wander
-from errormodel.noise.shapes import NoiseShape, drifting
+from errormodel.noise.model import NoiseModel, drifting
 from tests.errormodel.discrepancy.examples import time_base
 
 BASE = time_base(runs=4, n=300)
 HOURS = BASE.elapsed_s / 3600.0
-SHAPES = (NoiseShape(), *(drifting(r, t) for r in (0.3, 1.0, 3.0) for t in (1200.0, 3600.0)))
+SHAPES = (NoiseModel(), *(drifting(r, t) for r in (0.3, 1.0, 3.0) for t in (1200.0, 3600.0)))
 RELAXED = np.exp(-HOURS / 5.0)[:, None]
 
 
@@ -50,7 +50,7 @@ def test_no_wander_is_at_most_as_likely_as_what_is_in_the_mean() -> None:
     """In white noise a column that is not there explains nothing and costs its unknowns."""
     rng = np.random.default_rng(5)
     ratios = [
-        over_wander(problem(rng.standard_normal(len(BASE))), (NoiseShape(),), RELAXED, 2)
+        over_wander(problem(rng.standard_normal(len(BASE))), (NoiseModel(),), RELAXED, 2)
         for _ in range(20)
     ]
     # twice (unknowns − one), less what chance explains: chi-square of one degree of freedom

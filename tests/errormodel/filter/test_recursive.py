@@ -5,8 +5,9 @@ import pytest
 from numpy.testing import assert_allclose
 
 from errormodel.filter.recursive import start_recursive
-from errormodel.noise.drift import NoiseModel
+from errormodel.noise.model import NoiseModel
 from errormodel.record import Record
+from tests.errormodel.noise.sampled import sampled
 
 NOISE = NoiseModel(white=5e-6, drift=3e-6, drift_tau_s=3600.0)
 
@@ -20,7 +21,7 @@ def test_filter_and_batch_agree_to_rounding_across_runs() -> None:
     x = np.tile(np.linspace(-1.3, 0.9, n), 2)
     columns = np.column_stack([rng.choice([-1, 0, 1], 2 * n), np.ones(2 * n), x, x**2])
     prior_sigma = np.array([0.1, 0.05, 0.05, 0.05])
-    y = columns @ [1.01, 4e-4, 2e-4, -1e-4] + NOISE.sample(record, rng)
+    y = columns @ [1.01, 4e-4, 2e-4, -1e-4] + sampled(NOISE, record, rng)
 
     state = start_recursive(NOISE, np.zeros(4), prior_sigma)
     for k in range(2 * n):

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from errormodel.fit import expected_covariance
-from errormodel.noise.drift import NoiseModel
+from errormodel.noise.model import NoiseModel
 from errormodel.record import Record
 from sinscal.frames.earth import ARCSEC, DEG_PER_H
 from sinscal.library import BASIC

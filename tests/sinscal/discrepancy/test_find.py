@@ -29,7 +29,7 @@ def test_nothing_hidden_gives_no_name() -> None:
     found = found_in()
     assert found.verdict == "nothing"
     assert found.effects == ()
-    assert (found.where, found.heldout) == (None, ())
+    assert (found.where, found.held_out_parts) == (None, ())
     assert not any(n.differs for n in found.noise)
 
 
@@ -66,8 +66,8 @@ def test_noise_stated_wrongly_is_measured_and_hides_nothing() -> None:
 
 def test_effects_are_chosen_anew_without_each_cycle() -> None:
     found = found_in("rig_time_offset")
-    assert [g.cycle for g in found.heldout] == [1, 2, 3]
-    for gap in found.heldout:
+    assert [g.cycle for g in found.held_out_parts] == [1, 2, 3]
+    for gap in found.held_out_parts:
         assert gap.names == ("rig_time_offset",)
         # the rms of 20 ms at up to 20 °/s is more than 500 ″, the noise is 15 ″; of 180 innovations
         # the rms has a sigma of 5 %; four of them

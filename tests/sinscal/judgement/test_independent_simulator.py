@@ -147,7 +147,7 @@ def test_two_effects_hidden_in_python_ins_are_named_and_sized() -> None:
     stated = {n.sensors: n.differs for n in found.noise}
     assert stated == {"gyro": False, "accel": True}
     # a cycle held out: the choice of the others is the same, each time
-    assert all(set(g.names) == {"lever_arm", "accel_second_order"} for g in found.heldout)
+    assert all(set(g.names) == {"lever_arm", "accel_second_order"} for g in found.held_out_parts)
 
 
 def test_python_ins_alone_hides_nothing() -> None:

@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from errormodel.discrepancy.choices import Choice
-from errormodel.discrepancy.floor import NoiseFloor
-from errormodel.noise.shapes import NoiseShape
+from errormodel.discrepancy.search.choices import Choice
+from errormodel.noise.model import NoiseModel, given_noise
 from tests.thermo.discrepancy.examples import carried_out, hidden_runs
 from thermo.discrepancy.baseline import bare_baseline
 from thermo.discrepancy.experiment import Experiment, propose_separation
@@ -15,7 +14,7 @@ from thermo.recording.channel import channel_of
 from thermo.recording.files import join_runs
 from thermo.selection.orders import mounted
 
-WHITE = NoiseFloor(shape=NoiseShape(), sigma=5.0 / 6**0.5, support=((1.0, NoiseShape()),))
+WHITE = given_noise(NoiseModel(white=5.0 / 6**0.5))
 
 
 def proposed(runs: object, name: str, rivals: list[str]) -> Experiment:
@@ -38,7 +37,7 @@ def test_a_turned_mounting_tells_third_order_from_the_heads_harmonic(hidden) -> 
     channel = channel_of(join_runs([runs, more]), "A")
     source = ThermalSource(channel, mounted(bare_baseline(channel), channel))
     chi2 = {
-        name: float(np.sum(source.fitted([Choice(name, ())], NoiseShape()).residual ** 2))
+        name: float(np.sum(source.fitted([Choice(name, ())], NoiseModel()).residual ** 2))
         for name in ("third_order", "indexer_harmonic")
     }
     right = "third_order" if "k3" in hidden else "indexer_harmonic"

@@ -6,8 +6,9 @@ from errormodel.columns import derivative
 from errormodel.filter.kalman import initial_state
 from errormodel.filter.steps import Steps, run_filter
 from errormodel.fit import fit
-from errormodel.noise.drift import NoiseModel
+from errormodel.noise.model import NoiseModel
 from errormodel.record import Record
+from tests.errormodel.noise.sampled import sampled
 from thermo.recording.runs import head_force_g
 from thermo.twin.accelerometer import emulated_accelerometer
 
@@ -22,7 +23,7 @@ def test_the_rig_filter_gives_the_chamber_fit() -> None:
     force = head_force_g(np.array([0.0, 90, 180, 270, 45, 225])[np.arange(t.size) % 6])
     signals = {"a_i_g": force[:, 0], "a_p_g": force[:, 1], "a_o_g": force[:, 2], "x_c": x}
     bare = Record(time_s=t, signals=signals)
-    output = model.simulate(bare, made.values) + NOISE.sample(bare, rng)
+    output = model.simulate(bare, made.values) + sampled(NOISE, bare, rng)
     record = Record(time_s=t, signals=signals, output=output)
     batch = fit(model, record, noise=NOISE, weighting="noise")
 

@@ -14,7 +14,7 @@ import numpy as np
 from errormodel.arrays import FloatArray
 from errormodel.filter.kalman import Innovation
 from errormodel.filter.recursive import RecursiveFit, start_recursive
-from errormodel.noise.drift import NoiseModel
+from errormodel.noise.model import NoiseModel
 from thermo.planning.foresight import ASSUMED_NOISE
 from thermo.station.observers.live_model import LIVE_TERMS, LiveModel, LiveReading
 from thermo.station.outcome import Event, Progress

@@ -5,9 +5,11 @@ import pytest
 from numpy.testing import assert_allclose
 
 from errormodel.blocks import Kept
-from errormodel.noise.drift import NoiseModel, estimate_noise
+from errormodel.noise.drift_or_white import estimate_noise
+from errormodel.noise.model import NoiseModel
 from errormodel.noise.whitening import drift_product
 from errormodel.record import Record
+from tests.errormodel.noise.sampled import sampled
 
 
 def uneven_record(n: int = 60) -> Record:
@@ -44,7 +46,7 @@ def test_covariance_product_in_linear_time_is_the_dense_one() -> None:
 def test_samples_have_the_covariance_they_claim() -> None:
     record = uneven_record(20)
     rng = np.random.default_rng(5)
-    whitened = [NOISE.whiten(record, NOISE.sample(record, rng)[:, None]) for _ in range(400)]
+    whitened = [NOISE.whiten(record, sampled(NOISE, record, rng)[:, None]) for _ in range(400)]
     total = float(np.sum(np.square(whitened)))
     dof = 400 * len(record)
     assert abs(total - dof) < 4 * np.sqrt(2 * dof)  # 4 sigma of a χ²
@@ -63,7 +65,7 @@ def test_drift_is_found_where_there_is_drift() -> None:
     x = np.ones((len(record), 1))
     drifts, whites = [], []
     for seed in range(8):
-        residual = noise.sample(record, np.random.default_rng(seed))
+        residual = sampled(noise, record, np.random.default_rng(seed))
         found = estimate_noise(record, residual, x).noise
         drifts.append(found.drift)
         whites.append(found.white)
@@ -83,7 +85,7 @@ def test_white_noise_is_called_white_or_nearly() -> None:
 
 def test_the_scale_of_the_data_does_not_matter() -> None:
     record = long_record()
-    residual = NOISE.sample(record, np.random.default_rng(1))
+    residual = sampled(NOISE, record, np.random.default_rng(1))
     x = np.column_stack([np.ones(len(record)), record.time_s])
     large, small = (estimate_noise(record, f * residual, x).noise for f in (1.0, 1e-9))
     assert small.white == pytest.approx(1e-9 * large.white, rel=1e-3)
@@ -93,7 +95,7 @@ def test_the_scale_of_the_data_does_not_matter() -> None:
 def test_the_likelihood_shares_add_up() -> None:
     record = long_record()
     found = estimate_noise(
-        record, NOISE.sample(record, np.random.default_rng(1)), np.ones((len(record), 1))
+        record, sampled(NOISE, record, np.random.default_rng(1)), np.ones((len(record), 1))
     )
     # shares below 1e-3 are dropped: 49 grid points can lose 5 % at most
     assert 0.95 < sum(share for share, _ in found.support) <= 1.0 + 1e-9

@@ -11,9 +11,9 @@ from itertools import combinations
 import numpy as np
 
 from errormodel.arrays import FloatArray
-from errormodel.discrepancy.choices import Choice
 from errormodel.discrepancy.problem import Candidate, Signature, columns_of
 from errormodel.discrepancy.scan import View
+from errormodel.discrepancy.search.choices import Choice
 
 # Of an effect whose nonlinear parameter has many points, so many are tried; a refit does the rest.
 POINTS = 9
@@ -65,7 +65,7 @@ def _bases(view: View, candidates: Sequence[Candidate]) -> tuple[list[_Tried], F
     signatures: list[Signature] = []
     for candidate in candidates:
         every = max(1, round(len(candidate.grid) / POINTS))
-        for theta, signature in list(zip(candidate.grid, candidate.prepared(), strict=True))[
+        for theta, signature in list(zip(candidate.grid, candidate.grid_signatures, strict=True))[
             ::every
         ]:
             choices.append(Choice(candidate.name, theta))

@@ -1,4 +1,4 @@
-"""`accelbench discrepancy`: find, name, add and verify the effect that a model lacks."""
+"""`accelbench discrepancy thermal`: the effect that an accelerometer's model lacks."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -7,41 +7,36 @@ from typing import Literal
 import click
 
 from accelbench.commands.discrepancy.larger_model import model_files, model_lines, model_paths
-from accelbench.commands.discrepancy.rig_command import discrepancy_rig
+from accelbench.commands.discrepancy.options import REPORT, RUNS, SEED, tell
 from accelbench.commands.discrepancy.text import discrepancy_document, discrepancy_text
-from accelbench.shell.console import emit
 from accelbench.shell.inputs import add_reading_counts, read_with_doubts, trust_option
 from accelbench.shell.library import library_option
 from accelbench.shell.outputs import (
-    REPORT_NAME,
+    Results,
     check_results,
     checked_output,
     force_option,
     json_option,
     with_sidecars,
 )
-from errormodel.errors import InputError
-from errormodel.io.atomic import write_files
 from thermo.compensation.model_file import read_model
 from thermo.discrepancy.find import Discrepancy, find_discrepancy
 from thermo.fitting.fit import TermsFile, read_terms
 from thermo.recording.files import RecordedRuns
 
 BARE = Path("bare")  # no file: k0 and k1, each quadratic in temperature
+NO_EXPERIMENT = "nothing is open that an experiment would settle: none written"
 
 
-@click.command()
-@click.argument("kind", type=click.Choice(["thermal", "rig"]), metavar="thermal|rig")
-@click.argument("files", nargs=-1, required=True, metavar="RUN.csv…", type=Path)
+@click.command("thermal")
+@RUNS
 @click.option(
-    "--model",
-    type=Path,
-    help="The present model: TERMS.toml, MODEL.json of a fit, or bare; of a rig, MODEL.toml.",
+    "--model", type=Path, help="The present model: TERMS.toml, MODEL.json of a fit, or bare."
 )
 @click.option("--out", type=Path, help="MODEL.toml, the larger model; MODEL.json beside it.")
-@click.option("--report", type=Path, help="Folder for the report and its figures.")
+@REPORT
 @click.option("--experiment-out", type=Path, help="SEQUENCE.toml of the experiment proposed.")
-@click.option("--seed", type=int, default=1, help="Of the simulated nulls.")
+@SEED
 @click.option(
     "--workers",
     type=click.IntRange(min=1),
@@ -53,8 +48,7 @@ BARE = Path("bare")  # no file: k0 and k1, each quadratic in temperature
 @force_option
 @library_option("--effects")
 @json_option
-def discrepancy(
-    kind: str,
+def discrepancy_thermal(
     files: tuple[Path, ...],
     model: Path | None,
     out: Path | None,
@@ -69,17 +63,8 @@ def discrepancy(
     """Find where runs and model disagree, and name the effect that is missing.
 
     Without --model the present model is the equation that fit would choose, with --model bare k0
-    and k1, each quadratic in temperature; of a SINS on a rig, biases, scale errors and
-    misalignments. In Python: accelbench.discrepancy,
-    accelbench.rig.discrepancy.
+    and k1, each quadratic in temperature. In Python: accelbench.discrepancy.
     """
-    if kind == "rig":
-        thermal_only = {"--experiment-out": experiment_out, "--workers": workers > 1}
-        for name, value in thermal_only.items():
-            if value:
-                raise InputError("discrepancy rig", name, "belongs to discrepancy thermal only")
-        discrepancy_rig(files, model, out, report, seed=seed, force=force, as_json=as_json)
-        return 0
     given = [p for p in (model,) if p and p != BARE]
     inputs = [*with_sidecars(list(files)), *given]
     for path in (p for p in (out, experiment_out) if p):
@@ -88,34 +73,18 @@ def discrepancy(
     runs, doubts = read_with_doubts(list(files), trust_units=trust_units)
     for path in model_paths(out, len(runs.serials))[1:] if out is not None else ():
         checked_output(path, inputs, force=force)
-    found = find_discrepancy(runs, model=_present(model), seed=seed, workers=workers, tell=_tell)
-    document, text = discrepancy_document(found), [*discrepancy_text(found), *doubts]
-    add_reading_counts(document, runs, doubts)
-    written: list[tuple[Path, bytes]] = []
+    found = find_discrepancy(runs, model=_present(model), seed=seed, workers=workers, tell=tell)
+    results = Results(discrepancy_document(found), [*discrepancy_text(found), *doubts])
+    add_reading_counts(results.document, runs, doubts)
     if out is not None:
-        written += model_files(runs, found, out)
-        document["out"] = str(out)
-        text += model_lines(found, out)
+        results.add_files("out", out, model_files(runs, found, out), model_lines(found, out))
     if experiment_out is not None:
         proposed = _experiment_file(found, experiment_out)
-        written += proposed
-        document["experiment_out"] = str(experiment_out) if proposed else None
-        text.append(
-            f"experiment: {experiment_out}"
-            if proposed
-            else "nothing is open that an experiment would settle: none written"
-        )
-    if report is not None:
-        written += _report_files(found, runs, report)
-        document["report"] = str(report / REPORT_NAME)
-        text.append(f"report: {report / REPORT_NAME}")
-    write_files(written)
-    emit(document, text, as_json=as_json)
+        line = f"experiment: {experiment_out}" if proposed else NO_EXPERIMENT
+        results.add_files("experiment_out", experiment_out, proposed, [line])
+    results.add_report(report, lambda: _pages(found, runs))
+    results.write(as_json=as_json)
     return 1 if doubts else 0
-
-
-def _tell(line: str) -> None:
-    click.echo(line, err=True)
 
 
 def _present(path: Path | None) -> TermsFile | Literal["bare"] | None:
@@ -137,12 +106,9 @@ def _experiment_file(found: Sequence[Discrepancy], path: Path) -> list[tuple[Pat
     return [(path, proposed[0].toml().encode())] if proposed else []
 
 
-def _report_files(
-    found: tuple[Discrepancy, ...], runs: RecordedRuns, folder: Path
-) -> list[tuple[Path, bytes]]:
+def _pages(found: Sequence[Discrepancy], runs: RecordedRuns) -> dict[str, bytes]:
     from accelbench.commands.discrepancy.page import (
         render_discrepancy,  # matplotlib takes its second
     )
 
-    pages = render_discrepancy(found, runs)
-    return [(folder / name, content) for name, content in pages.items()]
+    return render_discrepancy(found, runs)

@@ -1,41 +1,44 @@
 """The engine on a problem that is linear in everything, noise known: what a filter will hand it."""
 
+from dataclasses import fields
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from errormodel.discrepancy.choices import LinearSource, Rules, SearchResult
-from errormodel.discrepancy.floor import NoiseFloor
 from errormodel.discrepancy.foresight import foresee
 from errormodel.discrepancy.gate import judge
-from errormodel.discrepancy.nulls import Calibration, calibrate
+from errormodel.discrepancy.nulls import NullDistributions, simulate_nulls
 from errormodel.discrepancy.scan import Prepared, View
-from errormodel.discrepancy.search import Search
-from errormodel.noise.shapes import NoiseShape
-from tests.errormodel.discrepancy.examples import linear_problem, time_base, waves
+from errormodel.discrepancy.search.choices import Rules
+from errormodel.discrepancy.search.state import SearchState, SearchTask
+from errormodel.discrepancy.search.steps import CLOSE, ROUND, search
+from errormodel.noise.model import NoiseModel, given_noise
+from tests.errormodel.discrepancy.examples import LinearSource, linear_problem, time_base, waves
 
 BASE = time_base()
-FLOOR = NoiseFloor(shape=NoiseShape(), sigma=1.0, support=((1.0, NoiseShape()),))
+FLOOR = given_noise(NoiseModel())
 RULES = Rules()
 
 
 @pytest.fixture(scope="module")
-def laws() -> Calibration:
+def nulls() -> NullDistributions:
     problem = linear_problem(np.zeros(len(BASE)), BASE)
-    return calibrate(problem, FLOOR, draws=400, rng=np.random.default_rng(5))
+    return simulate_nulls(problem, FLOOR, draws=400, rng=np.random.default_rng(5))
 
 
-def searched(residual: np.ndarray, laws: Calibration) -> tuple[str, SearchResult]:
-    search = Search(LinearSource(start=linear_problem(residual, BASE)), FLOOR, laws, RULES)
-    result = search.run()
-    view = search.view([s.choice for s in result.slots])
-    return judge(view, result, laws, RULES, too_much_drift=False).verdict, result
+def searched(residual: np.ndarray, nulls: NullDistributions) -> tuple[str, SearchState]:
+    source = LinearSource(start=linear_problem(residual, BASE))
+    result = search(SearchTask(source=source, floor=FLOOR, nulls=nulls, rules=RULES))
+    return judge(
+        result.view(result.found), result, nulls, RULES, too_much_drift=False
+    ).verdict, result
 
 
 def test_the_gain_is_what_least_squares_says() -> None:
     residual = np.random.default_rng(1).standard_normal(len(BASE)) + 0.3 * waves(BASE, 3.0)
     problem = linear_problem(residual, BASE)
-    view = View(problem, NoiseShape(), 1.0)
+    view = View(problem, NoiseModel())
     found = {f.candidate.name: f.gain for f in Prepared(view, problem.candidates).scan()}
     wave = waves(BASE, 3.0)[:, None]
     without = np.linalg.lstsq(problem.base, residual)[1][0]
@@ -47,7 +50,7 @@ def test_the_gain_is_what_least_squares_says() -> None:
 
 def test_what_cannot_be_seen_and_what_cannot_be_told_apart_is_said_beforehand() -> None:
     problem = linear_problem(np.zeros(len(BASE)), BASE)
-    foresight = foresee(View(problem, NoiseShape(), 1.0), problem.candidates)
+    foresight = foresee(View(problem, NoiseModel()), problem.candidates)
     assert foresight.invisible == ("lost",)
     assert foresight.partners("wave") == ("same",)
     # the third harmonic of a square wave has the amplitude 4/3π: its share of the power
@@ -58,58 +61,65 @@ def test_what_cannot_be_seen_and_what_cannot_be_told_apart_is_said_beforehand() 
     assert_allclose(foresight.strength[j], np.sqrt(len(BASE) / 2), rtol=0.01)
 
 
-def test_an_effect_with_a_twin_is_told_as_an_alias_set(laws: Calibration) -> None:
+def test_an_effect_with_a_twin_is_told_as_an_alias_set(nulls: NullDistributions) -> None:
     rng = np.random.default_rng(7)
     for _ in range(10):
         residual = rng.standard_normal(len(BASE)) + 1.0 * waves(BASE, 3.0)  # d = 13
-        verdict, result = searched(residual, laws)
+        verdict, result = searched(residual, nulls)
         assert verdict == "alias"
         assert set(result.slots[0].alias) == {"wave", "same"}
 
 
-def test_an_effect_without_a_twin_is_named(laws: Calibration) -> None:
+def test_an_effect_without_a_twin_is_named(nulls: NullDistributions) -> None:
     rng = np.random.default_rng(8)
     for _ in range(10):
         residual = rng.standard_normal(len(BASE)) - 0.7 * np.sign(waves(BASE, 1.0))  # d = 13
-        verdict, result = searched(residual, laws)
+        verdict, result = searched(residual, nulls)
         assert verdict == "named"
         assert result.slots[0].choice.name == "square"
         assert abs(np.sqrt(result.slots[0].gain) - 13.3) < 4.0  # its own sigma is 1
 
 
-def test_nothing_is_found_in_noise_more_often_than_said(laws: Calibration) -> None:
+def test_nothing_is_found_in_noise_more_often_than_said(nulls: NullDistributions) -> None:
     rng = np.random.default_rng(9)
-    verdicts = [searched(rng.standard_normal(len(BASE)), laws)[0] for _ in range(150)]
+    verdicts = [searched(rng.standard_normal(len(BASE)), nulls)[0] for _ in range(150)]
     # alpha of the library and of what is left: 0.5 % together, 0.75 of 150; P(>4) 0.1 %
     assert sum(v != "nothing" for v in verdicts) <= 4
 
 
-def test_what_repeats_but_has_no_name_is_told_as_such(laws: Calibration) -> None:
+def test_what_repeats_but_has_no_name_is_told_as_such(nulls: NullDistributions) -> None:
     rng = np.random.default_rng(10)
     for _ in range(10):
         residual = rng.standard_normal(len(BASE)) + 1.2 * waves(BASE, 5.0)
-        assert searched(residual, laws)[0] == "unexplained_repeatable"
+        assert searched(residual, nulls)[0] == "unexplained_repeatable"
 
 
-def test_p_values_are_uniform_where_nothing_is_missing(laws: Calibration) -> None:
+def test_p_values_are_uniform_where_nothing_is_missing(nulls: NullDistributions) -> None:
     rng = np.random.default_rng(11)
     problem = linear_problem(np.zeros(len(BASE)), BASE)
-    view = View(problem, NoiseShape(), 1.0)
+    view = View(problem, NoiseModel())
     prepared = Prepared(view, problem.candidates)
     gains = prepared.null_gains(rng.standard_normal((len(BASE), 4000)))
-    p = laws.gains["square"].p_values(gains[2])
-    # the law itself comes from 400 draws: two sigmas of its quantile are 2 % at 5 %, 0.8 % at 1 %
+    p = nulls.gains["square"].p_values(gains[2])
+    # the distribution itself comes from 400 draws: two sigmas of its
+    # quantile are 2 % at 5 %, 0.8 % at 1 %
     assert abs(np.mean(p < 0.05) - 0.05) < 0.022
     assert abs(np.mean(p < 0.01) - 0.01) < 0.009
 
 
-def test_the_null_laws_do_not_depend_on_how_many_work_at_them() -> None:
+def test_the_null_distributions_do_not_depend_on_how_many_work_at_them() -> None:
     problem = linear_problem(np.zeros(len(BASE)), BASE)
     one, two = (
-        calibrate(problem, FLOOR, draws=120, rng=np.random.default_rng(5), workers=n)
+        simulate_nulls(problem, FLOOR, draws=120, rng=np.random.default_rng(5), workers=n)
         for n in (1, 2)
     )
-    for name, law in one.gains.items():
-        np.testing.assert_array_equal(law.draws, two.gains[name].draws)
-    for name, law in one.factors.items():
-        np.testing.assert_array_equal(law.draws, two.factors[name].draws)
+    for name, one_null in one.gains.items():
+        np.testing.assert_array_equal(one_null.draws, two.gains[name].draws)
+    for name, one_null in one.factors.items():
+        np.testing.assert_array_equal(one_null.draws, two.factors[name].draws)
+
+
+def test_every_threshold_belongs_to_a_step_or_to_the_judgement() -> None:
+    applied = {t for step in (*ROUND, *CLOSE) for t in step.thresholds}
+    judged = {"share", "alpha_rest", "over_wander"}  # applied by `judge`
+    assert applied | judged | {"most"} == {f.name for f in fields(Rules)}

@@ -4,18 +4,19 @@ import numpy as np
 import pytest
 
 from errormodel.arrays import FloatArray
-from errormodel.discrepancy.choices import LinearSource, Rules
-from errormodel.discrepancy.floor import NoiseFloor
-from errormodel.discrepancy.nulls import Calibration, calibrate
-from errormodel.discrepancy.pairs import best_pair
+from errormodel.discrepancy.nulls import NullDistributions as Nulls
+from errormodel.discrepancy.nulls import simulate_nulls
 from errormodel.discrepancy.problem import Candidate, Problem, Signature
 from errormodel.discrepancy.scan import View
-from errormodel.discrepancy.search import Search
-from errormodel.noise.shapes import NoiseShape
-from tests.errormodel.discrepancy.examples import time_base, waves
+from errormodel.discrepancy.search.choices import Rules
+from errormodel.discrepancy.search.pairs import best_pair
+from errormodel.discrepancy.search.state import SearchTask
+from errormodel.discrepancy.search.steps import search
+from errormodel.noise.model import NoiseModel, given_noise
+from tests.errormodel.discrepancy.examples import LinearSource, time_base, waves
 
 BASE = time_base()
-FLOOR = NoiseFloor(shape=NoiseShape(), sigma=1.0, support=((1.0, NoiseShape()),))
+FLOOR = given_noise(NoiseModel())
 # two orthogonal patterns and their sum in nearly equal parts: one less the other is small
 ONE, LITTLE = waves(BASE, 3.0), waves(BASE, 5.0)
 OTHER = ONE + 0.35 * LITTLE
@@ -35,36 +36,40 @@ def problem(residual: FloatArray) -> Problem:
         base=ones,
         candidates=candidates,
         saturated=np.column_stack([ones, *columns.values()]),
-        noise=NoiseShape(),
-        sigma=1.0,
+        noise=NoiseModel(),
     )
 
 
 @pytest.fixture(scope="module")
-def laws() -> Calibration:
-    return calibrate(problem(np.zeros(len(BASE))), FLOOR, draws=400, rng=np.random.default_rng(5))
+def nulls() -> Nulls:
+    return simulate_nulls(
+        problem(np.zeros(len(BASE))), FLOOR, draws=400, rng=np.random.default_rng(5)
+    )
 
 
-def searched(residual: FloatArray, laws: Calibration, *, pairs: bool) -> list[tuple[str, ...]]:
+def searched(residual: FloatArray, nulls: Nulls, *, pairs: bool) -> list[tuple[str, ...]]:
     source = LinearSource(start=problem(residual))
-    result = Search(source, FLOOR, laws, Rules(pairs=pairs)).run()
+    rules = Rules(pairs=pairs)
+    result = search(SearchTask(source=source, floor=FLOOR, nulls=nulls, rules=rules))
     return sorted(s.alias for s in result.slots)
 
 
-def test_two_effects_that_half_cancel_are_both_named(laws: Calibration) -> None:
+def test_two_effects_that_half_cancel_are_both_named(nulls: Nulls) -> None:
     rng = np.random.default_rng(31)
     for _ in range(10):
         residual = 4.0 * (OTHER - ONE) + rng.standard_normal(len(BASE))
         # one after another, the third is named; together the two explain a fifth of it more
-        assert searched(residual, laws, pairs=False)[0] == ("third",)
-        assert searched(residual, laws, pairs=True) == [("one",), ("other",)]
+        assert searched(residual, nulls, pairs=False)[0] == ("third",)
+        assert searched(residual, nulls, pairs=True) == [("one",), ("other",)]
 
 
-def test_where_two_explain_a_little_more_than_one_its_name_is_not_bare(laws: Calibration) -> None:
+def test_where_two_explain_a_little_more_than_one_its_name_is_not_bare(
+    nulls: Nulls,
+) -> None:
     """2.4 of either: they explain a chi-square of 127, a fifth of it, 25 ± 10, beyond the third."""
     rng = np.random.default_rng(32)
     made = [
-        searched(2.4 * (OTHER - ONE) + rng.standard_normal(len(BASE)), laws, pairs=True)
+        searched(2.4 * (OTHER - ONE) + rng.standard_normal(len(BASE)), nulls, pairs=True)
         for _ in range(10)
     ]
     # below 10 (7 % of cases) the third stands alone; P(more than 3 of 10) is 0.3 %
@@ -72,18 +77,18 @@ def test_where_two_explain_a_little_more_than_one_its_name_is_not_bare(laws: Cal
     assert [("third", "other", "one")] in made
 
 
-def test_one_effect_alone_keeps_its_name(laws: Calibration) -> None:
+def test_one_effect_alone_keeps_its_name(nulls: Nulls) -> None:
     rng = np.random.default_rng(33)
     for _ in range(10):
         residual = 1.5 * THIRD + rng.standard_normal(len(BASE))
-        assert searched(residual, laws, pairs=True) == [("third",)]
+        assert searched(residual, nulls, pairs=True) == [("third",)]
 
 
 def test_the_best_pair_is_that_of_all_least_squares_fits() -> None:
     rng = np.random.default_rng(34)
     one = problem(rng.standard_normal(len(BASE)) + 0.3 * THIRD + 0.2 * ONE)
-    view = View(one, NoiseShape(), 1.0)
-    columns = {c.name: c.prepared()[0].columns[:, 0] for c in one.candidates}
+    view = View(one, NoiseModel())
+    columns = {c.name: c.grid_signatures[0].columns[:, 0] for c in one.candidates}
 
     def left(*names: str) -> float:
         design = np.column_stack([np.ones(len(BASE)), *(columns[n] for n in names)])

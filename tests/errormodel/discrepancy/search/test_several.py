@@ -4,18 +4,18 @@ import numpy as np
 import pytest
 
 from errormodel.arrays import FloatArray
-from errormodel.discrepancy.choices import LinearSource, Rules
-from errormodel.discrepancy.floor import NoiseFloor
-from errormodel.discrepancy.nulls import Calibration, calibrate
+from errormodel.discrepancy.nulls import NullDistributions, simulate_nulls
 from errormodel.discrepancy.problem import Candidate, Problem, Signature
 from errormodel.discrepancy.scan import View
-from errormodel.discrepancy.search import Search
-from errormodel.discrepancy.several import joint_block, search_all
-from errormodel.noise.shapes import NoiseShape
-from tests.errormodel.discrepancy.examples import time_base, waves
+from errormodel.discrepancy.search.choices import Rules
+from errormodel.discrepancy.search.several import joint_block, search_all
+from errormodel.discrepancy.search.state import SearchTask
+from errormodel.discrepancy.search.steps import search
+from errormodel.noise.model import NoiseModel, given_noise
+from tests.errormodel.discrepancy.examples import LinearSource, time_base, waves
 
 BASE = time_base()
-FLOOR = NoiseFloor(shape=NoiseShape(), sigma=1.0, support=((1.0, NoiseShape()),))
+FLOOR = given_noise(NoiseModel())
 TERMS = {name: waves(BASE, cycles) for name, cycles in (("a", 3.0), ("b", 5.0), ("c", 7.0))}
 # each of its columns is nine tenths a term: together 92 % of what the three terms explain
 CAUSE = np.column_stack(
@@ -41,14 +41,15 @@ def problem(residual: FloatArray) -> Problem:
         base=ones,
         candidates=candidates,
         saturated=np.hstack([ones, *columns.values()]),
-        noise=NoiseShape(),
-        sigma=1.0,
+        noise=NoiseModel(),
     )
 
 
 @pytest.fixture(scope="module")
-def laws() -> Calibration:
-    return calibrate(problem(np.zeros(len(BASE))), FLOOR, draws=400, rng=np.random.default_rng(5))
+def nulls() -> NullDistributions:
+    return simulate_nulls(
+        problem(np.zeros(len(BASE))), FLOOR, draws=400, rng=np.random.default_rng(5)
+    )
 
 
 def residual(seed: int, **sizes: float) -> FloatArray:
@@ -57,26 +58,26 @@ def residual(seed: int, **sizes: float) -> FloatArray:
     return noise + sum(size * every[name] for name, size in sizes.items())
 
 
-def test_three_terms_missing_at_once_are_named_and_not_the_cause_that_imitates_them(laws) -> None:
+def test_three_terms_missing_at_once_are_named_and_not_the_cause_that_imitates_them(nulls) -> None:
     for seed in range(5):
         source = LinearSource(start=problem(residual(seed, a=3.0, b=-2.0, c=2.5)))
-        alone = Search(source, FLOOR, laws, ONE).run()
+        alone = search(SearchTask(source=source, floor=FLOOR, nulls=nulls, rules=ONE))
         assert [s.choice.name for s in alone.slots] == ["cause"]
-        search, found = search_all(source, FLOOR, laws, ONE)
+        found = search_all(SearchTask(source=source, floor=FLOOR, nulls=nulls, rules=ONE))
         assert {s.choice.name for s in found.slots} == {"a", "b", "c"}
         assert all(len(s.alias) == 1 for s in found.slots)
-        assert set(found.started) == {c.name for c in search.start} == {"a", "b", "c"}
+        assert set(found.started) == {c.name for c in found.task.start} == {"a", "b", "c"}
 
 
-def test_the_cause_keeps_its_name_where_it_is_the_cause(laws) -> None:
+def test_the_cause_keeps_its_name_where_it_is_the_cause(nulls) -> None:
     for seed in range(5):
         source = LinearSource(start=problem(residual(seed, cause=2.0)))
-        _, found = search_all(source, FLOOR, laws, ONE)
+        found = search_all(SearchTask(source=source, floor=FLOOR, nulls=nulls, rules=ONE))
         assert [s.alias for s in found.slots] == [("cause",)]
         assert found.started == ()
 
 
-def test_where_the_two_explain_alike_no_name_is_bare(laws) -> None:
+def test_where_the_two_explain_alike_no_name_is_bare(nulls) -> None:
     """Without a part of its own the cause explains what the terms do, and costs two names less."""
     same = np.column_stack(list(TERMS.values()))
     start = problem(residual(1, a=3.0, b=-2.0, c=2.5))
@@ -93,13 +94,14 @@ def test_where_the_two_explain_alike_no_name_is_bare(laws) -> None:
         candidates=candidates,
         saturated=start.saturated,
         noise=start.noise,
-        sigma=start.sigma,
     )
-    _, found = search_all(LinearSource(start=made), FLOOR, laws, Rules(most=1, alias=25.0))
+    rules = Rules(most=1, alias=25.0)
+    task = SearchTask(source=LinearSource(start=made), floor=FLOOR, nulls=nulls, rules=rules)
+    found = search_all(task)
     assert set(found.slots[0].alias) == {"cause", "a", "b", "c"}
 
 
 def test_the_block_holds_what_the_data_call_for_and_no_more() -> None:
-    view = View(problem(residual(3, a=3.0, c=2.0)), NoiseShape(), 1.0)
+    view = View(problem(residual(3, a=3.0, c=2.0)), NoiseModel())
     assert [c.name for c in joint_block(view, Rules().further)] == ["a", "c"]
-    assert joint_block(View(problem(residual(4)), NoiseShape(), 1.0), Rules().further) == ()
+    assert joint_block(View(problem(residual(4)), NoiseModel()), Rules().further) == ()

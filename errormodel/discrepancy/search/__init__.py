@@ -1,0 +1,1 @@
+"""The search for missing effects: its state, its steps, their thresholds."""

@@ -1,0 +1,80 @@
+"""The thresholds of a search, a choice it makes, and the source of its problems."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+from errormodel.discrepancy.problem import Problem, Theta
+from errormodel.noise.model import NoiseModel
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rules:
+    """The thresholds, frozen before any benchmark is run.
+
+    Attributes
+    ----------
+    alpha, alpha_event : float
+        False-alarm rates of the effects that repeat and of the events, each as a whole, for one
+        to enter.
+    least : float
+        Chi-square that an effect must explain beyond the expected null gain, beside the others, to
+        keep its name.
+    further : float
+        Chi-square that a further effect must explain, beyond the expected null gain, beside one
+        that is named already: the shape of the first is never known quite.
+    further_event : float
+        Chi-square that a further event must explain.
+    alpha_rest : float
+        False-alarm rate for declaring the remainder unexplained.
+    alias : float
+        Effects whose gain (beyond the expected null gain) is within this of the best cannot be
+        told from it. Two effects that truly differ by this in expectation are taken for each
+        other in about one case in 700.
+    share : float
+        Share of the excess that the named effects must explain for their names to stand.
+    flexible : float
+        Chi-square that a flexible form must gain, beyond twice its further parameters.
+    relative : float
+        Effects smaller than this fraction of one named already, with a similar pattern, are
+        attributed to that one's imperfect shape.
+    most : int
+        Effects named at most.
+    over_wander : float
+        Twice the log of how much likelier the events named must be than a smooth wander in their
+        place: ten times.
+    pairs : bool
+        Whether two effects at once are tried before one is named: where many follow the same
+        input, as over temperature, two may half cancel.
+    """
+
+    alpha: float = 0.002
+    alpha_event: float = 0.008
+    least: float = 10.0
+    further: float = 30.0
+    further_event: float = 0.0
+    alpha_rest: float = 0.002
+    alias: float = 9.0
+    share: float = 0.6
+    flexible: float = 9.0
+    relative: float = 0.15
+    most: int = 3
+    over_wander: float = 4.6
+    pairs: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """An effect put into the model at its nonlinear parameters, or in its flexible form."""
+
+    name: str
+    theta: Theta
+    flexible: bool = False
+
+
+class Source(Protocol):
+    """A measurement that gives the engine's problem of its model with some effects added."""
+
+    def problem(self, chosen: Sequence[Choice], noise: NoiseModel) -> Problem:
+        """Return the problem of the enlarged model, refitted under a noise."""
+        ...

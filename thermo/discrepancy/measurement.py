@@ -1,0 +1,116 @@
+"""An accelerometer's chamber runs as the investigation takes them."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from errormodel.discrepancy.foresight import Foresight
+from errormodel.discrepancy.gate import Judgement
+from errormodel.discrepancy.measurement import Measurement, Searched
+from errormodel.discrepancy.problem import Problem
+from errormodel.discrepancy.search.choices import Choice, Rules
+from errormodel.discrepancy.search.state import SearchState
+from errormodel.noise.model import NoiseModel
+from thermo.discrepancy.experiment import Experiment, propose
+from thermo.discrepancy.held_out import RunGap, gap_of_run, reading_residual_ug
+from thermo.discrepancy.shared import SearchedChannel, Unlike, unlike_effects
+from thermo.discrepancy.source import ThermalSource
+
+# Orders of temperature are alike in heating and cooling: history may be beside them.
+ORDERS = frozenset({"bias_temperature_order", "scale_temperature_order"})
+# A slow part larger than this many times the white noise of a reading is no instrument's drift.
+MOST_DRIFT = 3.0
+# From so many degrees of freedom on, the white noise of a reading is that within blocks.
+ENOUGH_WITHIN = 100
+
+
+class ChamberRuns(Measurement[RunGap, Experiment]):
+    """The runs of one accelerometer, with the source of their problems."""
+
+    parts_name = "runs"
+
+    def __init__(self, source: ThermalSource) -> None:
+        self.source = source
+        self.name = source.channel.serial
+
+    def problem(self, chosen: Sequence[Choice], noise: NoiseModel) -> Problem:
+        """Return the engine's problem of the model with some effects, refitted under a noise."""
+        return self.source.problem(chosen, noise)
+
+    def rules(self, rules: Rules) -> Rules:
+        """Return the thresholds; one run does not carry a second name."""
+        return rules if self.source.seen.runs > 1 else replace(rules, most=1)
+
+    def wider_rules(self, result: SearchState) -> Rules | None:
+        """Return thresholds for two names in one run, where the first is an order."""
+        if self.source.seen.runs == 1 and {c.name for c in result.found} & ORDERS:
+            return replace(result.rules, most=2)
+        return None
+
+    def refuted(
+        self, of: Searched[RunGap, Experiment], every: Sequence[Searched[RunGap, Experiment]]
+    ) -> tuple[Unlike, ...]:
+        """Return the effects of a shared owner that the accelerometers on it do not share."""
+        channels = {id(s): _channel(s) for s in every}
+        return unlike_effects(channels[id(of)], list(channels.values()))
+
+    def without_effects(self, names: frozenset[str]) -> "ChamberRuns":
+        """Return the runs with a smaller library."""
+        source = self.source
+        kept = [e for e in source.effects if e.name not in names]
+        return ChamberRuns(ThermalSource(source.channel, source.model, kept))
+
+    def drifts_too_much(self, result: SearchState) -> bool:
+        """Tell whether the slow noise found is more than an instrument's drift can be."""
+        noise = result.floor.noise
+        drift = noise.white * np.sqrt(noise.slow_share(self.source.blocks.times.span_s))
+        return bool(drift > MOST_DRIFT * self._white_ug(result))
+
+    def _white_ug(self, result: SearchState) -> float:
+        """Return the white sigma of a reading: from within blocks where there is enough."""
+        source, noise = self.source, result.floor.noise
+        fitted = source.fitted(result.found, noise)
+        sigma, dof = source.blocks.spread(reading_residual_ug(source.channel, fitted))
+        if dof > ENOUGH_WITHIN:
+            return sigma
+        return noise.white * float(np.sqrt(source.blocks.usual))
+
+    def invisible(self, foresight: Foresight) -> tuple[str, ...]:
+        """Return the effects that the runs cannot show at all, whatever their size."""
+        source = self.source
+        shown = set(foresight.names) - set(foresight.invisible)
+        held = {e.name for e in source.effects if source.holds_some(e)}
+        return tuple(e.name for e in source.effects if e.name not in shown | held)
+
+    def next_experiment(
+        self, result: SearchState, judgement: Judgement, invisible: tuple[str, ...]
+    ) -> Experiment | None:
+        """Return what would tell an alias set apart, or show what these runs cannot."""
+        return propose(self.source, result, judgement, invisible, result.floor)
+
+    def parts(self, choices: Sequence[Choice]) -> Sequence[int]:
+        """Return the numbers of the runs; none of a single one."""
+        del choices
+        runs = len(self.source.channel.run_ids)
+        return range(runs) if runs > 1 else ()
+
+    def without_part(self, part: int) -> "ChamberRuns":
+        """Return the other runs."""
+        source, channel = self.source, self.source.channel
+        others = tuple(r for k, r in enumerate(channel.run_ids) if k != part)
+        seen = channel.take(channel.runs_mask(others))
+        return ChamberRuns(ThermalSource(seen, source.model, source.effects))
+
+    def gap(
+        self, part: int, others: Measurement[RunGap, Experiment], chosen: Sequence[Choice]
+    ) -> RunGap:
+        """Predict a run from the others."""
+        assert isinstance(others, ChamberRuns)
+        run = self.source.channel.run_ids[part]
+        return gap_of_run(self.source, run, others.source, chosen)
+
+
+def _channel(one: Searched[RunGap, Experiment]) -> SearchedChannel:
+    assert isinstance(one.measurement, ChamberRuns)
+    return SearchedChannel(one.measurement.source, one.result)
