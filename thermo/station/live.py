@@ -33,9 +33,11 @@ MORE_DRIFT = (1.0, 3.0, 10.0)  # times that assumed
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LiveValue:
-    """K0 and K1 of one accelerometer at the temperature it has now.
+    """K0 and K1 of one accelerometer at the temperature it has now, and at `T_REF_C`.
 
-    `k1` is relative to the nominal scale factor.
+    `k1` is relative to the nominal scale factor. The values at `T_REF_C` (`…_ref…`) can be
+    compared over a test; as long as it has not been there they are extrapolated, and so are their
+    sigmas.
     """
 
     serial: str
@@ -44,6 +46,10 @@ class LiveValue:
     k0_sigma_ug: float
     k1: float
     k1_sigma_ppm: float
+    k0_ref_ug: float
+    k0_ref_sigma_ug: float
+    k1_ref: float
+    k1_ref_sigma_ppm: float
     n: int
 
 
@@ -175,10 +181,8 @@ def _compile(bank: _Bank) -> None:
 def _value(serial: str, follower: _Follower) -> LiveValue:
     """Return the mean of the filters, with the variance within and between them."""
     bank, temp_c = follower.bank, follower.temp_c
-    found = np.array([_k0_k1(fit, temp_c) for fit in bank.fits])
-    values, variances = found[:, :2], found[:, 2:]
-    mean = bank.shares @ values
-    sigma = np.sqrt(bank.shares @ (variances + (values - mean) ** 2))
+    mean, sigma = _mixed(bank, temp_c)
+    at_ref, ref_sigma = _mixed(bank, T_REF_C)
     return LiveValue(
         serial=serial,
         temp_c=temp_c,
@@ -186,8 +190,20 @@ def _value(serial: str, follower: _Follower) -> LiveValue:
         k0_sigma_ug=1e6 * float(sigma[0]),
         k1=float(mean[1]),
         k1_sigma_ppm=1e6 * float(sigma[1]),
+        k0_ref_ug=1e6 * float(at_ref[0]),
+        k0_ref_sigma_ug=1e6 * float(ref_sigma[0]),
+        k1_ref=float(at_ref[1]),
+        k1_ref_sigma_ppm=1e6 * float(ref_sigma[1]),
         n=follower.n,
     )
+
+
+def _mixed(bank: _Bank, temp_c: float) -> tuple[FloatArray, FloatArray]:
+    """Return K0 and K1 at a temperature over all filters, and their sigmas, each (2,)."""
+    found = np.array([_k0_k1(fit, temp_c) for fit in bank.fits])
+    values, variances = found[:, :2], found[:, 2:]
+    mean = np.asarray(bank.shares @ values)
+    return mean, np.sqrt(bank.shares @ (variances + (values - mean) ** 2))
 
 
 def _k0_k1(fit: RecursiveFit, temp_c: float) -> FloatArray:

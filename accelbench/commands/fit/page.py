@@ -6,8 +6,8 @@ from pathlib import Path
 
 from accelbench.commands.fit.doubts import not_shown_lines
 from accelbench.commands.fit.figures import MAX_ACCELEROMETERS, pictures
-from accelbench.commands.fit.text import sentences, value_and_sigma
-from accelbench.shell.console import micro_g, number
+from accelbench.commands.fit.text import sentences
+from accelbench.shell.console import micro_g, number, value_and_sigma
 from accelbench.shell.outputs import REPORT_NAME
 from accelbench.shell.page import ReportTable, embedded, rendered, source_rows
 from errormodel.io.atomic import write_files

@@ -12,7 +12,7 @@ from accelbench.commands.fit.doubts import (
     not_shown_lines,
     run_to_run_sentence,
 )
-from accelbench.shell.console import micro_g, number, table
+from accelbench.shell.console import micro_g, number, table, value_and_sigma
 from thermo.compensation.model_file import ModelFile, inside_of, reported, run_to_run_of
 from thermo.fitting.findings import LoopFinding, find_loop, find_order
 from thermo.fitting.fit import AccelerometerFit
@@ -285,15 +285,3 @@ def _coefficients(fits: Sequence[AccelerometerFit]) -> Table:
         ]
         made.add_row(name, unit, *cells)
     return made
-
-
-def value_and_sigma(value: float, sigma: float) -> str:
-    """Write a value with its sigma, to two digits of the sigma."""
-    if not sigma > 0:
-        return number(value, 6)
-    places = min(max(0, 1 - _exponent(sigma)), 12)
-    return f"{value:.{places}f} ± {sigma:.{places}f}".replace("-", "−")
-
-
-def _exponent(value: float) -> int:
-    return int(f"{value:e}".split("e")[1])

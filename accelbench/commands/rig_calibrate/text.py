@@ -6,8 +6,7 @@ from typing import Any
 import numpy as np
 from rich.console import RenderableType
 
-from accelbench.commands.fit.text import value_and_sigma
-from accelbench.shell.console import number, table
+from accelbench.shell.console import number, table, value_and_sigma
 from sinscal.frames.earth import ARCMIN, DEG_PER_H
 from sinscal.judgement.result_file import ResultContent
 from sinscal.model.effects import BY_NAME

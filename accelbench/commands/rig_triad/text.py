@@ -6,8 +6,7 @@ import numpy as np
 from rich.console import RenderableType
 from scipy import stats
 
-from accelbench.commands.fit.text import value_and_sigma
-from accelbench.shell.console import number, table
+from accelbench.shell.console import number, table, value_and_sigma
 from accelbench.shell.outputs import REPORT_NAME
 from accelbench.shell.page import Page, ReportTable, Section, render_page
 from errormodel.arrays import FloatArray

@@ -24,6 +24,7 @@ from accelbench.shell.outputs import force_option, json_option
     type=click.FloatRange(min=0, min_open=True),
     help="Multiple of real time, for emulated instruments only; as fast as can be if not given.",
 )
+@click.option("-v", "--verbose", is_flag=True, help="Tell the verdict on every ramp.")
 @force_option
 @json_option
 def run(**given: Any) -> int:

@@ -61,6 +61,7 @@ def run(
     dry_run: bool,
     out: Path | None,
     speed: float | None,
+    verbose: bool,
     force: bool,
     as_json: bool,
 ) -> int:
@@ -90,7 +91,7 @@ def run(
     after = _afterwards(job, plan, outcome, out)
     where = shown(parse_url(store))
     document = run_document(outcome, after, where, live)
-    emit(document, run_text(outcome, after, where), as_json=as_json)
+    emit(document, run_text(outcome, after, where, verbose=verbose), as_json=as_json)
     if after.problems or not after.all_settled:
         return FAILED
     return exit_code(outcome, after.verdicts)
@@ -215,6 +216,10 @@ def _afterwards(job: _Job, plan: Plan, outcome: TestOutcome, out: Path | None) -
             done = replace(done, verdicts=judge_test(plan, store.readings(outcome.test_id)))
         with told("run-in not judged"):
             done = replace(done, settled=_run_in(job, outcome))
+    if job.resume is not None:
+        with told("readings not counted"), open_existing_store(job.store) as store:
+            voided = store.readings(outcome.test_id)["voided"]
+            done = replace(done, in_store=len(voided), repeated=int((voided != "").sum()))
     if out is not None:
         with told(f"not exported to {out}"), open_existing_store(job.store) as store:
             if not any(t.readings for t in store.tests() if t.id == outcome.test_id):

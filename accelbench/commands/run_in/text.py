@@ -5,8 +5,7 @@ from typing import Any
 
 from rich.console import RenderableType
 
-from accelbench.commands.fit.text import value_and_sigma
-from accelbench.shell.console import number, table
+from accelbench.shell.console import number, table, value_and_sigma
 from thermo.run_in.verdict import Relaxation, RunInVerdict, Spread, needed_text
 
 DEFINITION = (

@@ -4,9 +4,8 @@ from collections.abc import Iterator, Sequence
 
 from rich.console import RenderableType
 
-from accelbench.commands.fit.text import value_and_sigma
 from accelbench.commands.stability.document import definition
-from accelbench.shell.console import number, table
+from accelbench.shell.console import number, table, value_and_sigma
 from errormodel.statistics.variance import Component, VarianceFit
 from thermo.selection.residuals import DIRECTIONS
 from thermo.stability.coefficients import CURVE, CoefficientStability
