@@ -31,9 +31,9 @@ from sinscal.calibration.rig import calibrate
 from sinscal.filter.data import RigNoise
 from sinscal.frames.earth import DEG_PER_H
 from sinscal.judgement.judge import Options, calibrate_and_judge
+from sinscal.library import BASIC
 from sinscal.model.priors import make_prior
 from sinscal.model.sensors import sensor_model
-from sinscal.model.terms import BASIC
 from sinscal.planning.covariance import rig_covariance
 from sinscal.twin.motion import rig_motion
 from sinscal.twin.programme import there_and_back

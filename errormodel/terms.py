@@ -10,11 +10,11 @@ accelerometer reading by reading.
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 
-from errormodel.arrays import FloatArray
+from errormodel.arrays import FloatArray, freeze
 from errormodel.record import Record
 
 Place = Literal["gain", "scale", "input"]
@@ -26,32 +26,76 @@ Change = Callable[[Record, Values, Memory], tuple[Record, Memory]]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Coefficient:
-    """A linear unknown: its name, and how it is reported.
+class Told:
+    """The unit in which people are told a quantity, and how many of its own units that is."""
 
-    ``reported = value · per_unit`` in `unit`. When the other columns reproduce all but `min_share`
-    of its own, the data do not separate it: the default allows for rounding only, a larger one
-    for inputs that are themselves known only so well.
+    unit: str
+    size: float = 1.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Description:
+    """A parameter's name, how it is reported, and what it belongs to.
+
+    Attributes
+    ----------
+    name, symbol : str
+    unit : str
+        ``reported = value · per_unit`` in `unit`.
+    per_unit : float
+    family : str
+        The physical quantity that it is a part of: `k0` for `k0_t3`; by default its name.
+    order : int
+        Power of temperature.
+    group : str
+        What it is estimated, expected and told with; by default its name.
+    axis : str
+        The sensor of several that it belongs to.
+    prior_sigma : float, optional
+        How large it is expected to be beforehand, in the model's unit.
+    told : Told, optional
+        The unit people are told it in, where that is not `unit`.
     """
 
     name: str
     symbol: str
     unit: str
     per_unit: float = 1.0
+    family: str = ""
+    order: int = 0
+    group: str = ""
+    axis: str = ""
+    prior_sigma: float | None = None
+    told: Told | None = None
+
+    def __post_init__(self) -> None:
+        freeze(self, family=self.family or self.name, group=self.group or self.name)
+
+    @property
+    def told_in(self) -> Told:
+        """The unit people are told it in."""
+        return self.told or Told(unit=self.unit)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Coefficient(Description):
+    """A linear parameter.
+
+    When the other columns reproduce all but `min_share` of its own, the data do not separate it:
+    the default allows for rounding only, a larger one for inputs that are themselves known only so
+    well.
+    """
+
     min_share: float = 1e-6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Parameter:
-    """A nonlinear unknown with physical bounds; fitted continuously between them."""
+class Parameter(Description):
+    """A nonlinear parameter with physical bounds; fitted continuously between them."""
 
-    name: str
-    symbol: str
-    unit: str
     lo: float
     hi: float
     start: float
-    per_unit: float = 1.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -130,24 +174,31 @@ def by_run(
     return with_memory
 
 
-def renamed(effect: Effect, suffix: str) -> Effect:
-    """Return an effect whose name and whose unknowns' names end in `suffix`.
+D = TypeVar("D", bound=Description)
+
+
+def on_axis(effect: Effect, axis: str) -> Effect:
+    """Return the effect of one sensor of several: its name and its parameters' end in the axis.
 
     So that several channels with the same terms stand in one filter.
     """
     plain = [p.name for p in effect.parameters]
-    parameters = tuple(replace(p, name=p.name + suffix) for p in effect.parameters)
 
     def own(values: Values) -> Values:
-        return {name: values[name + suffix] for name in plain}
+        return {name: values[_of_axis(name, axis)] for name in plain}
 
+    def described(one: D) -> D:
+        return replace(one, name=_of_axis(one.name, axis), axis=axis)
+
+    parameters = tuple(described(p) for p in effect.parameters)
     if isinstance(effect, InputChange):
         change = effect.change
 
         def changed(record: Record, values: Values, memory: Memory) -> tuple[Record, Memory]:
             return change(record, own(values), memory)
 
-        return replace(effect, name=effect.name + suffix, parameters=parameters, change=changed)
+        name = _of_axis(effect.name, axis)
+        return replace(effect, name=name, parameters=parameters, change=changed)
     columns = effect.columns
 
     def block(record: Record, values: Values, memory: Memory) -> tuple[FloatArray, Memory]:
@@ -155,11 +206,15 @@ def renamed(effect: Effect, suffix: str) -> Effect:
 
     return replace(
         effect,
-        name=effect.name + suffix,
-        coefficients=tuple(replace(c, name=c.name + suffix) for c in effect.coefficients),
+        name=_of_axis(effect.name, axis),
+        coefficients=tuple(described(c) for c in effect.coefficients),
         parameters=parameters,
         columns=block,
     )
+
+
+def _of_axis(name: str, axis: str) -> str:
+    return f"{name}_{axis}"
 
 
 def in_unit(term: Term, unit: float) -> Term:

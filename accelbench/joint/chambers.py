@@ -5,8 +5,8 @@ import numpy as np
 
 from errormodel.errors import InputError
 from errormodel.model import ErrorModel
+from sinscal.frames.earth import STANDARD_G
 from sinscal.model.chamber import ChamberModel
-from sinscal.model.priors import G
 from thermo.compensation.model_file import AccelerometerModel, reporting_factors
 from thermo.twin.plant import T_REF_C, emulated_accelerometer
 from thermo.uncertainty.order_choice import with_next_orders
@@ -79,7 +79,7 @@ def emulated_chamber(serial: str) -> ChamberModel:
         model=made.model,
         values=np.array([made.values[n] for n in made.model.names]),
         cov=np.zeros((p, p)),
-        gravity_m_s2=G,  # that of the emulated station
+        gravity_m_s2=STANDARD_G,  # that of the emulated station
         t_ref_c=T_REF_C,
         valid_c=(-100.0, 200.0),
     )

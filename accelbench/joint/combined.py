@@ -9,9 +9,9 @@ from sinscal.calibration.noise import noise_of_run
 from sinscal.calibration.rig import Mode
 from sinscal.combination.combine import Combination, combine
 from sinscal.judgement.judge import Judged, judge
+from sinscal.library import BASIC
 from sinscal.model.chamber import ChamberModel
 from sinscal.model.priors import PriorFile
-from sinscal.model.terms import BASIC
 from sinscal.recording.run import RigRun
 
 

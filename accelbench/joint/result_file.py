@@ -17,7 +17,7 @@ from errormodel.model import ErrorModel
 from sinscal.calibration.observability import observability
 from sinscal.combination.combine import Combination
 from sinscal.judgement.judge import Judged
-from sinscal.judgement.result_content import MOUNT, Estimates, result_content
+from sinscal.judgement.result_content import Estimates, result_content
 from sinscal.judgement.result_file import (
     Finite,
     ResultContent,
@@ -26,10 +26,16 @@ from sinscal.judgement.result_file import (
     read_json,
     signed,
 )
-from sinscal.model.chamber import ChamberModel, at_reference, combined_sensors, from_reference
-from sinscal.model.priors import group_of
+from sinscal.library import rig_library
+from sinscal.library.angle import MOUNTED
+from sinscal.model.chamber import (
+    ChamberModel,
+    at_reference,
+    chamber_names,
+    combined_sensors,
+    from_reference,
+)
 from sinscal.model.sensors import SensorModel
-from sinscal.model.terms import GROUPS
 from sinscal.recording.run import AXES, RigRun
 from sinscal.twin.rehearse import Rehearsal
 from thermo.compensation.model_file import EQUATION, reporting_factors
@@ -107,10 +113,12 @@ class CombinedResult(ResultContent):
                 if name not in LIBRARY:
                     raise ValueError(f"no term {name!r}; expected some of {', '.join(LIBRARY)}")
         for group in self.groups:
-            if group not in GROUPS:
-                raise ValueError(f"no group {group!r}; expected some of {', '.join(GROUPS)}")
+            try:
+                rig_library().group(group)
+            except KeyError as err:
+                raise ValueError(err.args[0]) from None
         sensors = self.sensors
-        own = tuple(n for n in self.names if not n.startswith(MOUNT))
+        own = tuple(n for n in self.names if n not in MOUNTED)
         if own != _told_names(sensors):
             raise ValueError("names must be those of groups and terms, in their order")
         return self
@@ -204,12 +212,13 @@ def make_combined(
     told = combined_estimates(made)
     shown = observability(told.names, told.cov, told.prior_sigma)
     content = result_content(replace(judged, observability=shown), run, told)
-    own = {n for c in chambers for n in c.without_mounting().model.names}
-    names = [n for n in made.calibration.sensors.names if n.rpartition("_")[0] not in own]
+    sensors = made.calibration.sensors
+    own = chamber_names(sensors, chambers)
+    added = [one.family for name, one in sensors.parameters.items() if name not in own]
     return signed(
         CombinedResult(
             format=FORMAT,
-            groups=tuple(dict.fromkeys(group_of(n) for n in names)),
+            groups=tuple(dict.fromkeys(added)),
             accelerometers={
                 axis: MountedAccelerometer(
                     serial=one.serial,

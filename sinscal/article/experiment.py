@@ -16,6 +16,7 @@ from sinscal.calibration.nav_outputs import position_errors
 from sinscal.calibration.navigation import NavCalibration, calibrate_navigation
 from sinscal.flight.monte_carlo import align
 from sinscal.frames.earth import ARCMIN, DEG_PER_H, Site
+from sinscal.library import rig_library
 from sinscal.model.compensate import compensate_run
 from sinscal.model.priors import PriorFile, make_prior
 from sinscal.model.residual_errors import at_rest
@@ -124,7 +125,7 @@ def navigation_experiment(
 
 
 def _turn_on(name: str) -> float:
-    return next((s for group, s in TURN_ON.items() if name.startswith(group)), 0.0)
+    return TURN_ON.get(rig_library().parameter(name).family, 0.0)
 
 
 def _navigated(

@@ -9,7 +9,7 @@ laboratory of Moscow State University: tables 1 and 2, and the flight of one hou
 import numpy as np
 
 from sinscal.frames.earth import ARCMIN, DEG_PER_H
-from sinscal.model.priors import group_of
+from sinscal.library import rig_library
 from sinscal.model.residual_errors import Calibration
 from sinscal.model.sensors import sensor_model
 
@@ -43,7 +43,10 @@ def published_calibrations() -> tuple[Calibration, Calibration]:
     """
     names = sensor_model().names
     coarse, precise = (
-        Calibration(names=names, cov=np.diag([sigmas[group_of(name)] ** 2 for name in names]))
+        Calibration(
+            names=names,
+            cov=np.diag([sigmas[rig_library().parameter(name).family] ** 2 for name in names]),
+        )
         for sigmas in (_COARSE, _PRECISE)
     )
     return coarse, precise

@@ -21,9 +21,10 @@ import numpy as np
 from errormodel.arrays import FloatArray
 from sinscal.filter.data import RigNoise
 from sinscal.frames.earth import ARCMIN, ARCSEC, DEG_PER_H
+from sinscal.library import BASIC, rig_library
+from sinscal.library.angle import TIME_OFFSET
 from sinscal.model.priors import make_prior
 from sinscal.model.sensors import sensor_model
-from sinscal.model.terms import BASIC, TIME_OFFSET
 from sinscal.planning.covariance import Linearised, RigCovariance, linearise, solve
 from sinscal.twin.programme import article_programme
 
@@ -163,7 +164,11 @@ def rms_log(ratios: FloatArray) -> float:
 def _table(found: RigCovariance, published: Mapping[str, float]) -> Table:
     out: dict[str, Entry] = {}
     for key, (group, unit) in ENTRIES.items():
-        sigmas = [found.sigma(name) for name in found.names if name.startswith(f"{group}_")]
+        sigmas = [
+            found.sigma(name)
+            for name in found.names
+            if rig_library().parameter(name).family == group
+        ]
         out[key] = Entry(published=published[key], computed=float(np.median(sigmas)) / unit)
     return out
 

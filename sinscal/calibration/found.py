@@ -7,8 +7,10 @@ import numpy as np
 from errormodel.arrays import FloatArray, IntArray, freeze, readonly
 from errormodel.filter.kalman import State
 from errormodel.filter.steps import Filtered, Steps
+from errormodel.terms import Description
 from sinscal.filter.data import Nominal
 from sinscal.filter.layout import RigLayout
+from sinscal.library import rig_library
 from sinscal.model.priors import RigPrior
 from sinscal.model.sensors import SensorModel
 
@@ -64,6 +66,11 @@ class FilterCalibration:
     def sigmas(self) -> FloatArray:
         """Standard deviations, in the order of `names`."""
         return np.sqrt(np.diag(self.cov))
+
+    def described(self, name: str) -> Description:
+        """Return what a parameter of `names` is."""
+        own = self.sensors.parameters
+        return own[name] if name in own else rig_library().parameter(name)
 
     def value(self, name: str) -> float:
         """Return one estimate."""

@@ -12,9 +12,10 @@ from sinscal.filter.data import RigNoise, cycle_data
 from sinscal.filter.iterate import STEP_SIGMAS, Pass, RigFilter
 from sinscal.filter.layout import RigLayout
 from sinscal.filter.north import KnownNorth, judge_north
+from sinscal.library import BASIC
+from sinscal.library.angle import TIME_OFFSET
 from sinscal.model.priors import RigPrior, make_prior
 from sinscal.model.sensors import SensorModel, sensor_model
-from sinscal.model.terms import BASIC, TIME_OFFSET
 from sinscal.recording.run import RigFacts, RigRun
 
 Mode = Literal["coarse", "precise"]

@@ -17,6 +17,8 @@ from sinscal.combination.contradiction import ChamberTest, compare_with_chamber
 from sinscal.combination.flight import flight_errors
 from sinscal.filter.data import RigNoise, cycle_data
 from sinscal.flight.trajectory import FlightPlan
+from sinscal.library import BASIC
+from sinscal.library.angle import TIME_OFFSET
 from sinscal.model.chamber import (
     ChamberModel,
     at_reference,
@@ -28,12 +30,12 @@ from sinscal.model.chamber import (
 )
 from sinscal.model.priors import PriorFile, RigPrior
 from sinscal.model.sensors import Motion, SensorModel, sensor_model
-from sinscal.model.terms import BASIC, TIME_OFFSET
 from sinscal.recording.run import RigRun
 
 # How far an accelerometer's coefficients may be from anything the chamber says, in the model's own
 # units: spreads between units of one type (assumed, from common data sheets).
-WIDE = {"k0": 5e-3, "k1": 2e-2, "k0_t": 50e-6, "k1_t": 300e-6}
+WIDE = {"k0": 5e-3, "k1": 2e-2}
+WIDE_PER_C = {"k0": 50e-6, "k1": 300e-6}  # of the first order of temperature
 WIDE_FACTOR = 100.0  # of the chamber's sigma, for what is not among them
 ZERO_AND_SCALE = ("accel_bias", "accel_scale")
 THIN_ROWS = 2000  # of each cycle, for what a thermistor's offset would do
@@ -183,12 +185,11 @@ def _wide(prior: RigPrior, sensors: SensorModel, chambers: Sequence[ChamberModel
     cov = prior.cov.copy()
     for name in chamber_names(sensors, chambers):
         i = sensors.names.index(name)
-        stem = name.rpartition("_")[0]
-        order = stem.rpartition("_t")[2] if "_t" in stem else ""
-        sigma = WIDE.get(stem)
-        if sigma is None and stem[:4] in ("k0_t", "k1_t"):
+        one = sensors.parameters[name]
+        sigma = (WIDE_PER_C if one.order else WIDE).get(one.family)
+        if sigma is not None and one.order:
             # over 30 °C each higher order may do a tenth of what the first does
-            sigma = WIDE[stem[:4]] * 0.1 ** (int(order) - 1) / 30.0 ** (int(order) - 1)
+            sigma *= 0.1 ** (one.order - 1) / 30.0 ** (one.order - 1)
         old = float(np.sqrt(cov[i, i]))
         cov[i, :], cov[:, i] = 0.0, 0.0
         cov[i, i] = max(sigma or 0.0, WIDE_FACTOR * old) ** 2

@@ -210,7 +210,7 @@ def _offset_change(
 ) -> FloatArray:
     """Return how the chamber's coefficients seem to change per °C that a thermistor reads high."""
     names = chamber_names(sensors, chambers)
-    own = [n for n in names if n.endswith(f"_{AXES[axis]}")]
+    own = [n for n in names if sensors.parameters[n].axis == AXES[axis]]
     at = [sensors.names.index(n) for n in own]
     design: list[FloatArray] = []
     slope: list[FloatArray] = []

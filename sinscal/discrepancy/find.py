@@ -20,7 +20,9 @@ from sinscal.discrepancy.drift import against_drift
 from sinscal.discrepancy.held_out import CycleGap, gaps_by_cycle, held_out, rms_by_channel
 from sinscal.discrepancy.noise import MeasuredNoise, measured_noise
 from sinscal.discrepancy.source import RigSource
-from sinscal.model.effects import BY_NAME, RigEffect
+from sinscal.library import rig_library
+from sinscal.library.angle import MOUNTING
+from sinscal.library.groups import RigEffect
 from sinscal.model.larger_model import RigModelFile, check_needs
 from sinscal.recording.run import RigRun
 from sinscal.sensitivity.drift import Drift
@@ -123,7 +125,7 @@ def find_rig_discrepancy(
     mode : {"coarse", "precise"}, optional
         By default as the present model says, or precise where the rig's angle is recorded.
     present : RigModelFile, optional
-        The present model; by default the basic errors alone (`sinscal.model.terms.BASIC`).
+        The present model; by default the basic errors alone (`sinscal.library.BASIC`).
     rules : Rules, optional
     draws : int
         Simulated nulls that calibrate every statistic; of a run of many hours fewer are made.
@@ -229,14 +231,12 @@ def _without(source: RigSource, choices: tuple[Choice, ...], slot: Slot) -> Filt
 
 
 def _found(before: FilterProblem, after: FilterProblem, slot: Slot) -> RigEffectFound:
-    effect, found = BY_NAME[slot.choice.name], after.found
-    belongs, units = effect.unknowns(), found.sensors.units
+    effect, found = rig_library().by_name[slot.choice.name], after.found
+    described = [*found.sensors.parameters.values(), *MOUNTING]
     parameters = {
-        name: Estimate(
-            value=found.value(name), sigma=found.sigma(name), unit=units.get(name, "rad")
-        )
-        for name in found.names
-        if belongs(name)
+        one.name: Estimate(value=found.value(one.name), sigma=found.sigma(one.name), unit=one.unit)
+        for one in described
+        if one.name in found.names and effect.owns(one)
     }
     if effect.step:
         at_s = slot.choice.theta[0]
@@ -259,7 +259,7 @@ def _where(slots: tuple[Slot, ...], places: tuple[FactorFinding, ...]) -> str | 
     """
     if slots:
         strongest = max(slots, key=lambda s: s.gain)
-        return BY_NAME[strongest.choice.name].follows
+        return rig_library().by_name[strongest.choice.name].follows
     return places[0].name if places else None
 
 
@@ -288,7 +288,7 @@ def _foreseen(
     smallest: dict[str, tuple[float, str]] = {}
     for name, strength in zip(foresight.names, foresight.strength.tolist(), strict=True):
         if strength > 0.0:
-            smallest[name] = (NAMEABLE_D / strength, before.unit_of(BY_NAME[name]))
+            smallest[name] = (NAMEABLE_D / strength, before.unit_of(rig_library().by_name[name]))
     return (*foresight.invisible, *unrecorded), smallest
 
 
@@ -296,9 +296,11 @@ def _experiment(result: SearchResult, verdict: Judgement, invisible: tuple[str, 
     """Say what would settle what is open."""
     open_names = [n for s in result.slots if len(s.alias) > 1 for n in s.alias]
     if verdict.verdict == "alias":
-        return "; ".join(f"{n}: {BY_NAME[n].experiment}" for n in dict.fromkeys(open_names))
+        return "; ".join(
+            f"{n}: {rig_library().by_name[n].experiment}" for n in dict.fromkeys(open_names)
+        )
     if verdict.verdict.startswith("unexplained"):
         return "repeat the same programme: what comes again belongs to the model, the rest does not"
     if invisible:
-        return "; ".join(f"{n}: {BY_NAME[n].experiment}" for n in invisible)
+        return "; ".join(f"{n}: {rig_library().by_name[n].experiment}" for n in invisible)
     return None

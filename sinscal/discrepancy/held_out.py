@@ -19,7 +19,7 @@ from errormodel.discrepancy.choices import Choice
 from errormodel.discrepancy.problem import independent
 from errormodel.discrepancy.search import Search
 from sinscal.discrepancy.source import RigSource
-from sinscal.model.effects import BY_NAME
+from sinscal.library import rig_library
 from sinscal.recording.run import BoolArray
 from sinscal.sensitivity.problem import FilterProblem
 
@@ -67,7 +67,7 @@ def held_out(source: RigSource, search: Search, choices: Sequence[Choice]) -> tu
 
 def _gap_of(before: FilterProblem, k: int, chosen: Sequence[Choice]) -> CycleGap:
     """Return the gap in cycle k by effects with sizes from the other cycles."""
-    effects = [(BY_NAME[c.name], c.theta) for c in chosen]
+    effects = [(rig_library().by_name[c.name], c.theta) for c in chosen]
     y = before.residual
     parts = [before.signature(e, theta).columns * before.prior_sigmas(e) for e, theta in effects]
     seen = np.hstack([np.zeros((y.size, 0)), *parts])

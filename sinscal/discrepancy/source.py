@@ -9,11 +9,13 @@ from errormodel.filter.steps import NO_GATE
 from errormodel.noise.shapes import NoiseShape
 from sinscal.calibration.rig import Mode, RigCalibration, calibrate
 from sinscal.filter.data import RigNoise, cycle_data
-from sinscal.model.effects import BY_NAME, EFFECTS, RigEffect
+from sinscal.library import BASIC, rig_library
+from sinscal.library.angle import MOUNT
+from sinscal.library.groups import RigEffect
+from sinscal.library.jump import bias_step
 from sinscal.model.larger_model import RigModelFile
 from sinscal.model.priors import make_prior
 from sinscal.model.sensors import sensor_model
-from sinscal.model.terms import BASIC, bias_step
 from sinscal.recording.run import RigRun
 from sinscal.sensitivity.problem import FilterProblem
 
@@ -30,7 +32,7 @@ class RigSource:
     noise: RigNoise
     interval_s: float = 1.0
     present: RigModelFile = field(default_factory=RigModelFile)
-    effects: tuple[RigEffect, ...] = EFFECTS
+    effects: tuple[RigEffect, ...] = field(default_factory=lambda: rig_library().effects)
     _filters: dict[tuple[Choice, ...], FilterProblem] = field(
         default_factory=dict[tuple[Choice, ...], FilterProblem], repr=False
     )
@@ -86,19 +88,19 @@ class RigSource:
         return self._filters[key]
 
     def _calibrated(self, chosen: Sequence[Choice]) -> RigCalibration:
-        effects = [BY_NAME[c.name] for c in chosen]
+        effects = [rig_library().by_name[c.name] for c in chosen]
         steps = [
             bias_step(e.step, c.theta[0]) for c, e in zip(chosen, effects, strict=True) if e.step
         ]
         groups = (*BASIC, *self.present.groups, *(g for e in effects for g in e.groups))
         sensors = sensor_model(
             tuple(dict.fromkeys(groups)),
-            more=[*(s.maker for s in self.present.steps), *steps],
+            more=[*(s.group for s in self.present.steps), *steps],
             t_ref_c=self.present.t_ref_c,
             gravity_m_s2=self.run.facts.site.gravity_m_s2,
         )
         prior = make_prior(sensors)
-        if not (self.present.mount or any(e.name == "rig_mount" for e in effects)):
+        if not (self.present.mount or any(e.name == MOUNT for e in effects)):
             prior = replace(prior, mount_sigma_rad=0.0)
         return calibrate(
             self.run, self.mode, sensors=sensors, prior=prior, noise=self.noise,

@@ -20,6 +20,7 @@ GAMMA_E_M_S2 = 9.7803253359  # normal gravity on the equator
 SOMIGLIANA_K = 0.00193185265241
 M_RATIO = 0.00344978650684  # ω²a²b/GM
 
+STANDARD_G = 9.80665  # m/s², what a g stands for in units
 DEG_PER_H = np.pi / 180.0 / 3600.0  # rad/s
 ARCMIN = np.pi / 180.0 / 60.0  # rad
 ARCSEC = ARCMIN / 60.0  # rad

@@ -32,10 +32,11 @@ from sinscal.calibration.rig import GATE_SIGMAS, INTERVAL_S, Mode, RigCalibratio
 from sinscal.filter.data import RigNoise, cycle_data, unused_rows
 from sinscal.judgement.protection import Level, over_limits, protection_levels
 from sinscal.judgement.warnings import Calibration, warnings_of
+from sinscal.library import BASIC
+from sinscal.library.angle import MOUNT, TIME_OFFSET
 from sinscal.model.larger_model import BiasDrift, BiasStep, check_needs
-from sinscal.model.priors import PriorFile, make_prior, told_group
+from sinscal.model.priors import PriorFile, make_prior
 from sinscal.model.sensors import T_REF_C, SensorModel, sensor_model
-from sinscal.model.terms import BASIC, TIME_OFFSET
 from sinscal.recording.run import NavRun, RigRun
 from sinscal.sensitivity.drift import Drift, further_drifts
 from sinscal.sensitivity.problem import FilterProblem
@@ -55,7 +56,7 @@ class Options:
     ----------
     mode : {"coarse", "precise"}
     groups : tuple of str
-        Estimated in addition to the basic ones (`sinscal.model.terms.GROUPS`).
+        Estimated in addition to the basic ones (groups of `sinscal.library`).
     steps : tuple of BiasStep
         Jumps of constant errors, estimated as well.
     priors : PriorFile, optional
@@ -223,9 +224,9 @@ def _white(normalised: FloatArray, rows: Rows) -> FloatArray:
 
 def _check_limits(run: RigRun | NavRun, sensors: SensorModel, options: Options) -> None:
     """Check that the groups whose protection is asked for are estimated."""
-    estimated = {told_group(n) for n in sensors.names}
+    estimated = {one.group for one in sensors.parameters.values()}
     if options.mode == "precise":
-        estimated.add("rig_mount")
+        estimated.add(MOUNT)
     for group in options.protect:
         if isinstance(run, NavRun):
             raise InputError(run.source, f"protect {group}", "expected a run of raw sensors")
@@ -237,7 +238,7 @@ def _protected(judged: Judged, views: Sequence[EffectView], limits: Mapping[str,
     """Return a judgement with its protection levels, held to the limits asked for."""
     found, variance = judged.found, judged.consistency.nis.mean
     levels = protection_levels(found.names, found.sigmas, views, variance)
-    over = over_limits(levels, limits, {n: told_group(n) for n in levels})
+    over = over_limits(levels, limits, {n: found.described(n).group for n in levels})
     return replace(judged, protection=levels, limits=limits, unprotected=over)
 
 
@@ -286,7 +287,7 @@ def model_for(
     try:
         return sensor_model(
             tuple(dict.fromkeys(groups)),
-            more=[one.maker for one in (*options.steps, *drifts)],
+            more=[one.group for one in (*options.steps, *drifts)],
             t_ref_c=options.t_ref_c,
             gravity_m_s2=run.facts.site.gravity_m_s2,
         )

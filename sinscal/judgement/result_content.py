@@ -18,9 +18,9 @@ from sinscal.calibration.rig import RigCalibration
 from sinscal.filter.data import RigNoise
 from sinscal.judgement.judge import Calibration, Judged
 from sinscal.judgement.protection import MISSED
+from sinscal.library.angle import MOUNT
 from sinscal.recording.run import NavRun, RigRun
 
-MOUNT = "rig_mount_"
 # What the tests do not see. The clock: a rate is an angle over its seconds.
 CLOCK = ("the recorder's clock (1000 ppm fast is −1000 ppm in every gyro scale)",)
 NEVER = ("gravity that differs from the normal one", "two effects that hide each other")
@@ -58,13 +58,14 @@ class Estimates:
 
 def rig_estimates(found: Calibration) -> Estimates:
     """Return the estimates of a rig calibration as they are, SI."""
-    units, mounts = found.sensors.units, sum(n.startswith(MOUNT) for n in found.names)
+    described = [found.described(n) for n in found.names]
+    mounts = sum(one.group == MOUNT for one in described)
     sigma = np.sqrt(np.diag(found.prior.cov))
     return Estimates(
         names=found.names,
         values=found.values,
         cov=found.cov,
-        units={n: units.get(n, "rad") for n in found.names},
+        units={one.name: one.unit for one in described},
         prior_mean=np.append(found.prior.values, np.zeros(mounts)),
         prior_sigma=np.append(sigma, np.full(mounts, found.prior.mount_sigma_rad)),
     )

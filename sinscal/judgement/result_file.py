@@ -14,30 +14,23 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from errormodel.arrays import FloatArray
 from errormodel.errors import InputError
 from errormodel.io.toml import check, read_text
+from errormodel.terms import Description
 from sinscal.calibration.observability import GAUGE
 from sinscal.judgement.judge import Judged
-from sinscal.judgement.result_content import MOUNT, result_content, rig_estimates
+from sinscal.judgement.result_content import result_content, rig_estimates
+from sinscal.library import BASIC, rig_library
+from sinscal.library.angle import MOUNTED
 from sinscal.model.larger_model import BiasDrift, BiasStep
-from sinscal.model.priors import group_of
 from sinscal.model.sensors import SensorModel, sensor_model
-from sinscal.model.terms import BASIC
 from sinscal.recording.run import NavRun, RigRun
 
 FORMAT = "accelbench-rig-calibration"
 VERSION = 1
-FORMULA = (
-    "measured = true + error: ω′ = (I + Θ)·ω + ν⁰ + G·f + Θ±·|ω| + νT·x, "
-    "f′ = (I + Γ)·f + Δf⁰ + K2·f² + lever(ω, dω/dt) + (ΔfT + ΓT·f)·x, x = T − t_ref_c; what is "
-    "not among names is 0. To correct readings solve for ω and f: ω ← ω′ − error(ω, f), "
-    "f ← f′ − error(ω, f), from ω′ and f′, until nothing changes (four times)"
+APPLIED = (
+    "x = T − t_ref_c; what is not among names is 0. To correct readings solve for ω and f: "
+    "ω ← ω′ − error(ω, f), f ← f′ − error(ω, f), from ω′ and f′, until nothing changes (four times)"
 )
-SIGNS = (
-    "gyro_scale_a is Θaa, gyro_misalignment_ab is Θab: what a rate about b adds to gyro a; "
-    "accel_misalignment_ab is Γab likewise; lever_arm_a_b is component b of accelerometer a's "
-    "sensing mass from the centre of rotation, it adds ([dω/dt ×] + [ω ×]²)·r; specific force at "
-    "rest points up; the platform's axes are those of exp(rig_mount ×)·body; the angle in the row "
-    "of time t is the platform's at t + rig_time_offset"
-)
+REST = "specific force at rest points up; the platform's axes are those of exp(rig_mount ×)·body"
 AXES_TEXT = (
     "the accelerometers define the body frame: z is along accelerometer z's sensitive axis, "
     "y lies in the plane of accelerometers y and z (Γ is lower triangular); right-handed; "
@@ -47,6 +40,15 @@ UNITS = "SI: rad, rad/s, m/s², m, s; scale errors are ratios, misalignments rad
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Sigma = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+
+
+def formula() -> str:
+    """Return how the library's errors enter what the sensors measure, in words."""
+    known = rig_library()
+    return (
+        f"measured = true + error: ω′ = {known.equation('gyro')}, "
+        f"f′ = {known.equation('accel')}, {APPLIED}"
+    )
 
 
 class _Part(BaseModel):
@@ -94,8 +96,8 @@ class ResultContent(_Part):
     names: tuple[str, ...]
     covariance: tuple[tuple[Finite, ...], ...]
     prior: dict[str, PriorValue]
-    formula: str = FORMULA
-    signs: str = SIGNS
+    formula: str = Field(default_factory=lambda: formula())
+    signs: str = Field(default_factory=lambda: f"{rig_library().signs}; {REST}")
     axes: str = AXES_TEXT
     units: str = UNITS
     gauge: str = GAUGE
@@ -111,6 +113,16 @@ class ResultContent(_Part):
     drift: tuple[dict[str, Any], ...] = ()
     not_tested: tuple[str, ...] = ()
     warnings: tuple[str, ...]
+
+    @property
+    def sensors(self) -> SensorModel:
+        """The sensor model the values belong to."""
+        raise NotImplementedError
+
+    def described(self, name: str) -> Description:
+        """Return what a parameter is."""
+        known = rig_library().parameters
+        return known[name] if name in known else self.sensors.parameters[name]
 
     @model_validator(mode="after")
     def _whole(self) -> Self:
@@ -136,7 +148,7 @@ class RigResult(ResultContent):
             known = self.sensors.names
         except KeyError as err:
             raise ValueError(str(err.args[0])) from None
-        own = tuple(n for n in self.names if not n.startswith(MOUNT))
+        own = tuple(n for n in self.names if n not in MOUNTED)
         if own != known:
             raise ValueError("names must be those of groups, in the order of the sensor model")
         return self
@@ -146,7 +158,7 @@ class RigResult(ResultContent):
         """The sensor model the values belong to."""
         return sensor_model(
             self.groups,
-            more=[one.maker for one in (*self.steps, *self.drifts)],
+            more=[one.group for one in (*self.steps, *self.drifts)],
             t_ref_c=self.t_ref_c,
             gravity_m_s2=self.gravity_m_s2,
         )
@@ -233,5 +245,5 @@ def _groups(sensors: SensorModel) -> tuple[str, ...]:
 
     Accelerometer x has no misalignment: what is added after the basic groups would come before it.
     """
-    there = dict.fromkeys(group_of(n) for n in sensors.names)
+    there = dict.fromkeys(one.family for one in sensors.parameters.values())
     return tuple(dict.fromkeys([*(g for g in BASIC if g in there), *there]))

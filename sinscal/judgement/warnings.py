@@ -10,7 +10,7 @@ from sinscal.calibration.effect_tests import EffectTests
 from sinscal.calibration.navigation import NavCalibration
 from sinscal.calibration.rig import RigCalibration
 from sinscal.filter.data import RigNoise
-from sinscal.model.effects import BY_NAME
+from sinscal.library import rig_library
 from sinscal.model.priors import RigPrior
 from sinscal.model.sensors import SensorModel
 
@@ -63,8 +63,8 @@ def _missing(effects: EffectTests) -> list[str]:
     if effects.passed:
         return []
     first, *others = effects.missing
-    effect = BY_NAME[first.name]
-    what = effect.sentence.removesuffix(".")
+    effect = rig_library().by_name[first.name]
+    what = effect.sentence.rstrip(".")
     groups = f"--groups {effect.name} estimates it; " if effect.groups else ""
     more = f"; so would, less well, {', '.join(t.name for t in others)}" if others else ""
     return [

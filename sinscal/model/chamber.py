@@ -13,16 +13,22 @@ import numpy as np
 from errormodel.arrays import FloatArray, freeze, readonly
 from errormodel.errors import InputError
 from errormodel.model import ErrorModel
-from errormodel.terms import in_unit, renamed
+from errormodel.terms import in_unit, on_axis
+from sinscal.library import rig_library
+from sinscal.library.groups import CHANNELS
 from sinscal.model.priors import PriorFile, RigPrior, make_prior
 from sinscal.model.sensors import SensorModel, sensor_model
-from sinscal.model.terms import CHANNELS, terms_of
 from sinscal.recording.run import AXES, RigRun
 
 # The mounting in the block says where the input axis points: the case's own angles go into it.
 IN_THE_MOUNTING = ("delta_o", "delta_p")
 # What the chamber's k0 and k1 stand for; the rest of the groups is the SINS's own.
 CHAMBERS_OWN = ("accel_bias", "accel_scale", "accel_temperature_bias", "accel_temperature_scale")
+# The accelerometers' k1 by name, and their k0 with the k1 of the same axis.
+SCALES = tuple(f"k1_{a}" for a in AXES)
+ZEROS = {f"k0_{a}": f"k1_{a}" for a in AXES}
+AT_REFERENCE = {f"k0_{a}": f"accel_bias_{a}" for a in AXES}
+AT_REFERENCE |= {f"k1_{a}": f"accel_scale_{a}" for a in AXES}
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -83,7 +89,7 @@ def combined_sensors(
     chambers : sequence of three ChamberModel
         Of the accelerometers x, y, z.
     groups : sequence of str
-        What the SINS adds (`sinscal.model.terms.GROUPS`); what stands for bias, scale factor and
+        What the SINS adds (groups of `sinscal.library`); what stands for bias, scale factor and
         their temperature in an accelerometer is the chamber's and left out.
     twice : sequence of str
         Of these the groups that stay all the same: errors that are left of a chamber's model
@@ -99,8 +105,11 @@ def combined_sensors(
     sensors = sensor_model(groups, t_ref_c=first.t_ref_c, gravity_m_s2=first.gravity_m_s2)
     more = [g for g in groups if g not in CHAMBERS_OWN or g in twice]
     for axis, chamber in enumerate(chambers):
-        own = tuple(renamed(t, f"_{AXES[axis]}") for t in chamber.without_mounting().model.terms)
-        added = (in_unit(t, chamber.gravity_m_s2) for t in terms_of(CHANNELS[3 + axis], more))
+        own = tuple(on_axis(t, AXES[axis]) for t in chamber.without_mounting().model.terms)
+        added = (
+            in_unit(t, chamber.gravity_m_s2)
+            for t in rig_library().terms_of(CHANNELS[3 + axis], more)
+        )
         model = ErrorModel((*own, *added), chamber.model.base)
         sensors = sensors.with_channel(axis, model, chamber.gravity_m_s2)
     return sensors
@@ -170,8 +179,7 @@ def reference_name(name: str) -> str:
 
     It is another one for an accelerometer's k0 and k1 alone.
     """
-    stem, _, axis = name.rpartition("_")
-    return {"k0": f"accel_bias_{axis}", "k1": f"accel_scale_{axis}"}.get(stem, name)
+    return AT_REFERENCE.get(name, name)
 
 
 def at_reference(
@@ -196,11 +204,10 @@ def at_reference(
     out, jacobian = values.copy(), np.eye(len(names))
     index = {n: i for i, n in enumerate(names)}
     for i, name in enumerate(names):
-        stem, _, axis = name.rpartition("_")
-        if stem == "k1":
+        if name in SCALES:
             out[i] = values[i] - 1.0
-        elif stem == "k0":
-            j = index.get(f"k1_{axis}")
+        elif name in ZEROS:
+            j = index.get(ZEROS[name])
             k1 = 1.0 if j is None else values[j]
             out[i] = gravity_m_s2 * k1 * values[i]
             jacobian[i, i] = gravity_m_s2 * k1
@@ -219,11 +226,10 @@ def from_reference(
     out = np.array([at_ref[reference_name(n)] for n in names])
     index = {n: i for i, n in enumerate(names)}
     for name, i in index.items():
-        stem, _, axis = name.rpartition("_")
-        if stem == "k1":
+        if name in SCALES:
             out[i] += 1.0
-        elif stem == "k0":
-            out[i] /= gravity_m_s2 * (1.0 + at_ref.get(f"accel_scale_{axis}", 0.0))
+        elif name in ZEROS:
+            out[i] /= gravity_m_s2 * (1.0 + at_ref.get(reference_name(ZEROS[name]), 0.0))
     return out
 
 

@@ -13,12 +13,13 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from errormodel.errors import InputError
 from errormodel.io.toml import read_toml
-from sinscal.model.terms import GROUPS, Kind, Maker, bias_drift, bias_step
+from sinscal.library import rig_library
+from sinscal.library.angle import MOUNT
+from sinscal.library.groups import Group, Kind
+from sinscal.library.jump import bias_drift, bias_step
 from sinscal.recording.run import NavRun, RigRun
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
-# Groups and effects of the platform's angle: without it there is nothing to see them in.
-NEED_ANGLE = "rig_"
 
 
 class _Part(BaseModel):
@@ -32,8 +33,8 @@ class BiasStep(_Part):
     at_s: Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
     @property
-    def maker(self) -> Maker:
-        """What makes its terms."""
+    def group(self) -> Group:
+        """The group of its terms."""
         kind: Kind = self.kind
         return bias_step(kind, self.at_s)
 
@@ -46,8 +47,8 @@ class BiasDrift(_Part):
     span_s: Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
     @property
-    def maker(self) -> Maker:
-        """What makes its terms."""
+    def group(self) -> Group:
+        """The group of its terms."""
         kind: Kind = self.kind
         return bias_drift(kind, math.inf if self.tau_s is None else self.tau_s, self.span_s)
 
@@ -70,7 +71,7 @@ class RigModelFile(_Part):
     t_ref_c : float
         Reference temperature of all terms.
     groups : tuple of str
-        Of `sinscal.model.terms.GROUPS`.
+        Of `sinscal.library`.
     mount : bool
         Whether the mounting on the platform is among them; `rig calibrate` has it in any case.
     steps : tuple of BiasStep
@@ -89,12 +90,14 @@ class RigModelFile(_Part):
     @model_validator(mode="after")
     def _possible(self) -> "RigModelFile":
         for name in self.groups:
-            if name not in GROUPS:
-                raise ValueError(f"no group {name!r}; known: {', '.join(GROUPS)}")
+            try:
+                rig_library().group(name)
+            except KeyError as err:
+                raise ValueError(err.args[0]) from None
         if len({s.kind for s in self.steps}) < len(self.steps):
             raise ValueError("expected one step of each kind of sensor at most")
-        named = [*self.groups, *self.effects, *(["rig_mount"] if self.mount else [])]
-        angle = [n for n in named if n.startswith(NEED_ANGLE)]
+        named = [*self.groups, *self.effects, *([MOUNT] if self.mount else [])]
+        angle = [n for n in named if rig_library().needs_angle(n)]
         if self.mode == "coarse" and angle:
             raise ValueError(f"{angle[0]} shows in the rig's angle: expected mode 'precise'")
         return self
@@ -108,10 +111,11 @@ def check_needs(groups: Sequence[str], run: RigRun | NavRun, mode: str) -> None:
     InputError
         If they do not.
     """
-    angle = [g for g in groups if g.startswith(NEED_ANGLE)]
+    known = rig_library()
+    angle = [g for g in groups if known.needs_angle(g)]
     if angle and mode != "precise":
         raise InputError(run.source, "mode", f"{angle[0]} needs the rig's angle: expected precise")
-    warm = [g for g in groups if "temperature" in g]
+    warm = [g for g in groups if g in known.groups and known.groups[g].needs_temperature]
     if warm and run.temp_c is None:
         raise InputError(run.source, "temp_c", f"missing; {warm[0]} needs temperatures")
 

@@ -11,37 +11,10 @@ from pydantic import BaseModel, ConfigDict, Field
 from errormodel.arrays import FloatArray, freeze, readonly
 from errormodel.errors import InputError
 from errormodel.io.toml import read_toml
-from sinscal.frames.earth import ARCMIN, DEG_PER_H
+from errormodel.terms import Description
+from sinscal.library import rig_library
+from sinscal.library.angle import MOUNT_SIGMA_RAD
 from sinscal.model.sensors import SensorModel
-from sinscal.model.terms import GROUPS
-
-G = 9.80665
-# The article's (DESIGN section 2) for what it estimates; for the rest, assumed values of
-# navigation-grade sensors: several times what their data sheets allow.
-GROUP_SIGMAS: Mapping[str, float] = {
-    "gyro_bias": 0.5 * DEG_PER_H,
-    "gyro_scale": 1e-3,
-    "gyro_misalignment": 3.0 * ARCMIN,
-    "gyro_g_sensitivity": 0.5 * DEG_PER_H / G,
-    "gyro_scale_asymmetry": 1e-4,
-    "gyro_temperature_drift": 0.05 * DEG_PER_H,
-    "accel_bias": 0.02,
-    "accel_scale": 1e-3,
-    "accel_misalignment": 3.0 * ARCMIN,
-    "accel_second_order": 1e-4 / G,
-    "lever_arm": 0.1,
-    "accel_delay": 0.005,
-    "accel_temperature_bias": 100e-6 * G,
-    "accel_temperature_scale": 200e-6,
-    "rig_time_offset": 0.05,
-    "rig_angle_harmonic": 120.0 * ARCMIN / 60.0,
-    "rig_angle_harmonic_2": 120.0 * ARCMIN / 60.0,
-}
-MOUNT_SIGMA_RAD = float(np.deg2rad(1.0))  # the article's
-# An effect of which nothing is expected would never show and never cost anything: a figure of
-# "0.0 ± 0.0" instead of an error.
-if without := set(GROUPS) - set(GROUP_SIGMAS):
-    raise LookupError(f"groups without a prior: {', '.join(sorted(without))}")
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -88,54 +61,26 @@ class PriorFile(BaseModel):
     remount_sigma_rad: Annotated[float, Field(ge=0, le=1)] = 0.0
 
 
-def group_of(name: str) -> str:
-    """Return the group an unknown belongs to: the longest group name that begins its own.
-
-    Raises
-    ------
-    KeyError
-        If it is no unknown of `sinscal.model.terms`.
-    """
-    found = [g for g in GROUPS if name == g or name.startswith(f"{g}_")]
-    if not found:
-        raise KeyError(f"{name} belongs to no group")
-    return max(found, key=len)
-
-
-def told_group(name: str) -> str:
-    """Return the group of a parameter, the mounting's and the chamber's coefficients' included."""
-    if name.startswith("rig_mount_"):
-        return "rig_mount"
-    for change in ("_bias_step_", "_bias_drift_"):
-        if change in name:
-            return name.rpartition("_")[0]
-    try:
-        return group_of(name)
-    except KeyError:  # a chamber's coefficient, by axis
-        return name.rpartition("_")[0]
-
-
-def prior_sigma(name: str, given: Mapping[str, float] = {}) -> float:
-    """Return an unknown's sigma: its own or its group's, SI.
+def prior_sigma(one: Description, given: Mapping[str, float] = {}) -> float:
+    """Return how large a parameter is expected to be, SI.
 
     Parameters
     ----------
-    name : str
-        Of the sensors' errors, or of the mounting (`rig_mount_x`).
+    one : Description
     given : mapping of str to float
-        Sigmas by group or name that go before the usual ones.
+        Sigmas by name, group or family that go before the library's.
 
     Raises
     ------
-    KeyError
-        If it belongs to no group.
+    ValueError
+        If neither says it.
     """
-    if name in given:
-        return given[name]
-    if name.startswith("rig_mount_"):
-        return MOUNT_SIGMA_RAD
-    group = group_of(name)
-    return given.get(group, GROUP_SIGMAS[group])
+    for key in (one.name, one.group, one.family):
+        if key in given:
+            return given[key]
+    if one.prior_sigma is None:
+        raise ValueError(f"{one.name} has no prior sigma")
+    return one.prior_sigma
 
 
 def make_prior(
@@ -148,23 +93,28 @@ def make_prior(
     sensors : SensorModel
     file : PriorFile, optional
     others : collection of str
-        Unknowns of no group, whose prior the caller has (a chamber's coefficients); here sigma 0.
+        Parameters whose prior the caller has (a chamber's coefficients); here sigma 0.
 
     Raises
     ------
     InputError
         If the file names something that is not in the model.
-    KeyError
-        If an unknown belongs to no group and is none of the others.
+    ValueError
+        If a parameter has no prior and is none of the others.
     """
     given = file or PriorFile()
     names = sensors.names
-    known = {*names, *GROUPS}
+    known = {*names, *rig_library().groups}
     for part in ("sigma", "mean"):
         for name in getattr(given, part):
             if name not in known or (part == "mean" and name not in names):
                 raise InputError("the priors", f"{part}.{name}", "not an unknown of this model")
-    sigmas = np.array([0.0 if n in others else prior_sigma(n, given.sigma) for n in names])
+    sigmas = np.array(
+        [
+            0.0 if name in others else prior_sigma(one, given.sigma)
+            for name, one in sensors.parameters.items()
+        ]
+    )
     values = sensors.start_values()
     for name, value in given.mean.items():
         values[names.index(name)] = value

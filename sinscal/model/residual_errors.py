@@ -1,6 +1,6 @@
 """What a calibration leaves in the sensors, as parameters with a covariance.
 
-The sensors and the names of their parameters are those of `sinscal.model.terms`; what is left of a
+The sensors and the names of their parameters are those of `sinscal.library`; what is left of a
 parameter after compensation is an error of the same form.
 """
 
@@ -11,29 +11,51 @@ from functools import cache
 import numpy as np
 
 from errormodel.arrays import FloatArray, freeze, readonly
-from sinscal.model.priors import group_of
+from errormodel.terms import Description
+from sinscal.library import RigLibrary, rig_library
+from sinscal.library.angle import MOUNT
+from sinscal.library.groups import Group
+from sinscal.library.jump import JUMPS
 from sinscal.model.sensors import Motion, SensorModel, as_vector, sensor_model
-from sinscal.model.terms import GROUPS
 
-# the rig's own parameters stay on the rig; a flight is at the reference temperature
-LEFT_ON_THE_RIG = "rig_"
-NEEDS_TEMPERATURE = "temperature"
-STEP = "_step_"
-FLYING = tuple(g for g in GROUPS if LEFT_ON_THE_RIG not in g and NEEDS_TEMPERATURE not in g)
 SYMMETRY = 1e-6  # of correlations
 # Rounding in a filter leaves the correlation matrix this short of no negative variance.
 NEGATIVE = 1e-8
 
 
+def flies(group: Group) -> bool:
+    """Return whether errors of a group go with the sensors into flight.
+
+    The rig's own stay on the rig, and a flight is at the reference temperature.
+    """
+    return not (group.needs_angle or group.needs_temperature)
+
+
+def _in_flight(one: Description) -> bool:
+    """Return whether a parameter goes into flight; a jump is over, the mounting stays behind."""
+    if one.group == MOUNT or one.group in JUMPS:
+        return False
+    known = rig_library().groups
+    return one.group not in known or flies(known[one.group])
+
+
+def flying_sensors(groups: tuple[str, ...] | None = None) -> SensorModel:
+    """Return the sensors with the groups named, by default all that act at one temperature."""
+    known = rig_library()
+    if groups is None:
+        groups = tuple(name for name, group in known.groups.items() if flies(group))
+    return _sensors_of(known, groups)
+
+
 @cache
-def flying_sensors(groups: tuple[str, ...] = FLYING) -> SensorModel:
-    """Return the sensors with the terms named, by default all that act at one temperature."""
+def _sensors_of(known: RigLibrary, groups: tuple[str, ...]) -> SensorModel:
+    del known  # the same names in another library are other terms
     return sensor_model(groups)
 
 
 def _with(names: Iterable[str]) -> SensorModel:
     """Return the sensors with no more terms than the parameters need: columns take time."""
-    return flying_sensors(tuple(dict.fromkeys(group_of(name) for name in names)))
+    return flying_sensors(tuple(dict.fromkeys(rig_library().parameter(n).family for n in names)))
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -43,7 +65,7 @@ class Calibration:
     Attributes
     ----------
     names : tuple of str
-        Parameters of the sensors, by the names of `sinscal.model.terms`.
+        Parameters of the sensors, by the names of `sinscal.library`.
     cov : ndarray, shape (m, m)
         Covariance of what compensation leaves of them, SI.
 
@@ -88,19 +110,21 @@ class Calibration:
         cov = np.asarray(cov, dtype=float)
         if cov.shape != (len(names), len(names)):
             raise ValueError(f"the covariance has shape {cov.shape}, expected {(len(names),) * 2}")
-        jumped = [k for k, name in enumerate(names) if STEP in name]
+        known = rig_library()
+        ones = [known.parameters.get(name) for name in names]
+        places = {(one.group, one.axis): k for k, one in enumerate(ones) if one}
         into = np.eye(len(names))
-        for k in jumped:
-            into[names.index(names[k].replace(STEP, "_")), k] = 1.0
+        for k, one in enumerate(ones):
+            if one and one.group in JUMPS:
+                into[places[one.family, one.axis], k] = 1.0
         cov = into @ cov @ into.T
-        out = (LEFT_ON_THE_RIG, NEEDS_TEMPERATURE, STEP)
-        keep = [k for k, name in enumerate(names) if not any(part in name for part in out)]
+        keep = [k for k, one in enumerate(ones) if one is None or _in_flight(one)]
         return cls(names=tuple(names[k] for k in keep), cov=cov[np.ix_(keep, keep)])
 
     @property
     def groups(self) -> tuple[str, ...]:
         """The group of each parameter."""
-        return tuple(group_of(name) for name in self.names)
+        return tuple(rig_library().parameter(name).family for name in self.names)
 
     @property
     def root(self) -> FloatArray:

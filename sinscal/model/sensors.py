@@ -18,13 +18,16 @@ from errormodel.arrays import FloatArray, IntArray, freeze, readonly
 from errormodel.columns import derivative
 from errormodel.model import ErrorModel
 from errormodel.record import Record
-from sinscal.model.terms import ANGLE, BASIC, CHANNELS, TIME_OFFSET, ChannelId, Maker, terms_of
+from errormodel.terms import Description
+from sinscal.frames.earth import STANDARD_G
+from sinscal.library import BASIC, rig_library
+from sinscal.library.angle import TIME_OFFSET
+from sinscal.library.groups import ANGLE, CHANNELS, TEMPERATURES, ChannelId, Group
 from sinscal.recording.run import AXES, rate_derivative
 
 T_REF_C = 25.0
 # A chamber's terms see temperature smoothed as in the chamber; a rig's temperature is smooth.
 RATE_WINDOW_S = 120.0
-TEMPERATURES = frozenset(["x_c", "x_slow_c", "rate_c_per_min"])
 # What is not linear is 1e-3 of the motion at most: each step of the inverse leaves less of it.
 INVERSE_STEPS = 6
 LEFT = 1e-12  # m/s² of what is measured, where the inverse ends
@@ -101,7 +104,7 @@ class SensorModel:
 
     channels: tuple[Channel, ...]
     t_ref_c: float = T_REF_C
-    gravity_m_s2: float = 9.80665
+    gravity_m_s2: float = STANDARD_G
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -119,14 +122,17 @@ class SensorModel:
         """The index of the channel of each unknown."""
         return tuple(i for i, c in enumerate(self.channels) for _ in c.model.names)
 
+    @cached_property
+    def parameters(self) -> dict[str, Description]:
+        """What each parameter is, in the order of `names`."""
+        return {
+            u.name: u for c in self.channels for u in (*c.model.coefficients, *c.model.parameters)
+        }
+
     @property
     def units(self) -> dict[str, str]:
-        """The unit each unknown is counted in."""
-        return {
-            u.name: u.unit
-            for c in self.channels
-            for u in (*c.model.coefficients, *c.model.parameters)
-        }
+        """The unit each parameter is counted in."""
+        return {name: one.unit for name, one in self.parameters.items()}
 
     @property
     def needs_temperature(self) -> bool:
@@ -305,22 +311,19 @@ def _slope(time_s: FloatArray, x: FloatArray) -> FloatArray:
 def sensor_model(
     groups: Sequence[str] = BASIC,
     *,
-    more: Sequence[Maker] = (),
+    more: Sequence[Group] = (),
     t_ref_c: float = T_REF_C,
-    gravity_m_s2: float = 9.80665,
+    gravity_m_s2: float = STANDARD_G,
 ) -> SensorModel:
-    """Make a model of the groups named (`sinscal.model.terms.GROUPS`) and of terms made by `more`.
+    """Make a model of the groups named (of the library in use) and of `more`.
 
     Raises
     ------
     KeyError
         If there is no such group.
     """
-    bases = {"gyro": "w", "accel": "f"}
-    made = [
-        Channel(id=c, model=ErrorModel(terms_of(c, groups, more), f"{bases[c.kind]}_{c.letter}"))
-        for c in CHANNELS
-    ]
+    terms_of = rig_library().terms_of
+    made = [Channel(id=c, model=ErrorModel(terms_of(c, groups, more), c.input)) for c in CHANNELS]
     made.append(Channel(id=ANGLE, model=ErrorModel(terms_of(ANGLE, groups, more), "angle_rad")))
     return SensorModel(channels=tuple(made), t_ref_c=t_ref_c, gravity_m_s2=gravity_m_s2)
 

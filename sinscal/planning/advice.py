@@ -9,7 +9,9 @@ from dataclasses import dataclass
 from sinscal.calibration.rig import Mode
 from sinscal.filter.data import RigNoise
 from sinscal.frames.earth import ARCMIN
-from sinscal.model.priors import PriorFile, RigPrior, make_prior, told_group
+from sinscal.library import rig_library
+from sinscal.library.lever import LEVER_ARM
+from sinscal.model.priors import PriorFile, RigPrior, make_prior
 from sinscal.model.sensors import SensorModel
 from sinscal.planning.covariance import RigCovariance, rig_covariance
 from sinscal.twin.programme import Cycle, Programme, Segment
@@ -67,7 +69,7 @@ def analyse_programme(
         If the programme's cycles show nothing of an error.
     """
     angle = mode == "precise"
-    wanted = [g for g in groups if angle or not g.startswith("rig_")]
+    wanted = [g for g in groups if angle or not rig_library().needs_angle(g)]
     sensors = sensors_with(wanted, file, angle=angle)
     prior, noise = make_prior(sensors, priors), file.noise.filtered
     azimuth, warming = file.azimuth_sigma_rad, file.warming
@@ -108,7 +110,7 @@ def _changes(
     if azimuth_sigma_rad is None or azimuth_sigma_rad > ARCMIN:
         yield "the azimuth of the rotation axis known to 1′", programme, ARCMIN
     speeds = {abs(s.rate_deg_s) for c in programme.cycles for s in c.segments} - {0.0}
-    if len(speeds) == 1 and any(told_group(n) == "lever_arm" for n in sensors.names):
+    if len(speeds) == 1 and any(one.group == LEVER_ARM.name for one in sensors.parameters.values()):
         cycles = tuple(_at_two_speeds(c) for c in programme.cycles)
         changed = programme.model_copy(update={"cycles": cycles})
         yield "half of every segment at half the speed", changed, azimuth_sigma_rad
@@ -129,11 +131,11 @@ def _compared(change: str, found: RigCovariance, better: RigCovariance) -> Advic
     if not gains:
         return None
     best = max(gains, key=lambda n: gains[n][0] / gains[n][1])
-    groups = dict.fromkeys(told_group(n) for n in gains)
+    group_of = {n: rig_library().parameter(n).group for n in gains}
     return Advice(
         change=change,
         name=best,
         before=gains[best][0],
         after=gains[best][1],
-        others=tuple(g for g in groups if g != told_group(best)),
+        others=tuple(g for g in dict.fromkeys(group_of.values()) if g != group_of[best]),
     )

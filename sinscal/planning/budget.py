@@ -7,19 +7,8 @@ import numpy as np
 from errormodel.arrays import FloatArray, IntArray
 from errormodel.filter.gains import covariance_share, start_transition
 from sinscal.filter.layout import RigLayout
-from sinscal.model.priors import group_of
+from sinscal.library import rig_library
 from sinscal.planning.covariance import RigCovariance
-
-# what a name of the filter's other states begins with, and how the budget calls it
-_STATES = {
-    "attitude_": "attitude",
-    "start_": "start attitude",
-    "rig_base_": "platform's base",
-    "rig_mount_": "mounting",
-    "rig_remount_": "re-mounting",
-    "gyro_drift_": "gyro drift at the start",
-    "accel_drift_": "accelerometer drift at the start",
-}
 
 
 def error_budget(found: RigCovariance) -> Mapping[str, FloatArray]:
@@ -71,12 +60,32 @@ def _noises(layout: RigLayout) -> Iterator[tuple[str, str, slice]]:
         yield "accelerometer drift", "q", slice(6, 9)
 
 
+def _states(layout: RigLayout) -> Iterator[tuple[str, slice]]:
+    """Yield the filter's states beside the sensors' parameters, with what the budget calls them."""
+    yield "attitude", slice(0, 3)
+    if layout.drift:
+        yield "gyro drift at the start", layout.at("gyro_drift_x", 3)
+        yield "accelerometer drift at the start", layout.at("accel_drift_x", 3)
+    if layout.counted:
+        for part in layout.left_over:
+            yield "counters' remainders", part
+    for k in range(layout.cycles):
+        yield "start attitude", layout.start(k)
+        if layout.wander:
+            yield "north", layout.earth_rate(k)
+        if layout.angle:
+            yield "platform's base", layout.base(k)
+        if layout.angle and layout.remount:
+            yield "re-mounting", layout.remounted(k)
+    if layout.angle:
+        yield "mounting", layout.mount
+
+
 def _groups(layout: RigLayout) -> dict[str, IntArray]:
     """Return the places of each group of states."""
     found: dict[str, list[int]] = {}
-    for i, name in enumerate(layout.names):
-        own = [text for begin, text in _STATES.items() if name.startswith(begin)]
-        inside = layout.unknowns.start <= i < layout.unknowns.stop
-        group = group_of(name) if inside else own[0]
-        found.setdefault(group, []).append(i)
+    for name, places in _states(layout):
+        found.setdefault(name, []).extend(range(layout.size)[places])
+    for i, name in enumerate(layout.parameters, layout.unknowns.start):
+        found.setdefault(rig_library().parameter(name).family, []).append(i)
     return {group: np.array(places, dtype=np.intp) for group, places in found.items()}

@@ -14,11 +14,12 @@ import numpy as np
 from sinscal.calibration.effect_tests import EffectTest, EffectTests
 from sinscal.filter.data import RigNoise
 from sinscal.frames.earth import DEG_PER_H
-from sinscal.model.effects import BY_NAME
+from sinscal.library import rig_library
+from sinscal.library.groups import Kind
+from sinscal.library.jump import DRIFT_SIGMAS
 from sinscal.model.larger_model import BiasDrift
-from sinscal.model.terms import Kind
 from sinscal.sensitivity.problem import FilterProblem
-from sinscal.sensitivity.views import DRIFT_SIGMAS, RAMP, WALK
+from sinscal.sensitivity.views import RAMP, WALK
 from sinscal.sensitivity.walks import likely_walks
 
 WORDS = {"walk": "a random walk", "ramp": "an even drift", "warm_up": "a drift that fades"}
@@ -134,7 +135,7 @@ def further_drifts(
 
 def drift_of(test: EffectTest, span_s: float) -> Drift | None:
     """Return the drift that a test speaks of."""
-    kind = BY_NAME[test.name].drift
+    kind = rig_library().by_name[test.name].drift
     if kind is None:
         return None
     sigma = test.scale * DRIFT_SIGMAS[kind]

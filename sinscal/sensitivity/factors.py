@@ -8,7 +8,7 @@ from errormodel.arrays import FloatArray, IntArray
 from errormodel.discrepancy.problem import Factor
 from sinscal.calibration.rig import RigCalibration
 from sinscal.filter.data import CycleData
-from sinscal.model.effects import CYCLE, LEAST_WARMING_C, PHASE, RATE, TEMPERATURE
+from sinscal.library.groups import CYCLE, LEAST_WARMING_C, PHASE, RATE, TEMPERATURE
 from sinscal.recording.run import RigRun
 
 BINS = 6

@@ -10,7 +10,7 @@ looks at is lost. Across the axis the noise assumed is a bound of the bearing's 
 rows count no more than the bound allows, and beside the harmonics that a wobble has.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -28,11 +28,14 @@ from errormodel.discrepancy.problem import (
 from errormodel.filter.gains import signatures
 from errormodel.filter.steps import Steps, run_filter
 from errormodel.noise.shapes import NoiseShape, TimeBase
+from errormodel.terms import Description
 from sinscal.calibration.consistency import ALONG, FORCES, Rows, rows_of_rig
 from sinscal.calibration.rig import RigCalibration
 from sinscal.filter.data import CycleData
 from sinscal.filter.steps import make_steps
-from sinscal.model.effects import EFFECTS, TIME, RigEffect
+from sinscal.library import rig_library
+from sinscal.library.angle import MOUNTING
+from sinscal.library.groups import TIME, RigEffect
 from sinscal.model.priors import prior_sigma
 from sinscal.model.sensors import SensorModel, sensor_model
 from sinscal.recording.run import BoolArray, RigRun
@@ -128,7 +131,7 @@ class FilterProblem:
         """
         hats = slow_hats(self.cycles, self.found)
         groups: list[FloatArray] = []
-        for effect in (e for e in EFFECTS if e.step):
+        for effect in (e for e in rig_library().effects if e.step):
             _, h, phi = self.columns_of(effect)
             columns = [
                 (a[:, :, :, None] * hats[:, None, None, :]).reshape(*a.shape[:2], -1)
@@ -144,8 +147,11 @@ class FilterProblem:
         return seen[self.kept] / sigma[:, None]
 
     @cached_property
-    def _wider(self) -> tuple[Steps, tuple[str, ...], dict[str, str]]:
-        """The steps about the same nominal of a model that has every effect's unknowns."""
+    def _wider(self) -> tuple[Steps, tuple[str, ...], tuple[Description, ...]]:
+        """The steps about the same nominal of a model that has every effect's parameters.
+
+        With them the names of its states, and what those of the effects are.
+        """
         found = self.found
         groups = [g for e in self.effects for g in e.groups]
         sensors = _with_groups(found.sensors, groups)
@@ -156,27 +162,33 @@ class FilterProblem:
         nominal = replace(found.nominal, values=values)
         gravity = self.run.facts.site.gravity_m_s2
         steps = make_steps(self.cycles, sensors, nominal, layout, found.noise, gravity)
-        return steps, layout.names, sensors.units
+        described = (*MOUNTING, *sensors.parameters.values())
+        return steps, layout.names, tuple(one for one in described if one.name in layout.names)
 
     def columns_of(self, effect: RigEffect) -> tuple[list[str], FloatArray, FloatArray]:
         """Return an effect's unknowns, and how each enters measurements and motion."""
         steps, names, _ = self._wider
-        belongs = effect.unknowns()
-        if kind := effect.step or effect.drift:
-            names_of = [f"{kind}_bias_{a}" for a in "xyz"]
-        else:
-            names_of = [n for n in names if belongs(n)]
+        names_of = [one.name for one in self._parameters_of(effect)]
         places = [names.index(n) for n in names_of]
         return names_of, steps.h[:, :, places], steps.phi[:, :, places]
 
-    def prior_sigmas(self, effect: RigEffect) -> FloatArray:
-        """Return how large an effect's unknowns are expected to be, in the order of its columns."""
-        return np.array([prior_sigma(n) for n in self.columns_of(effect)[0]])
+    def _parameters_of(self, effect: RigEffect) -> list[Description]:
+        """Return an effect's parameters; of a step and a drift, the constant errors' own."""
+        _, _, described = self._wider
+        if effect.step or effect.drift:
+            return [one for one in described if one.group == effect.constant_error]
+        return [one for one in described if effect.owns(one)]
+
+    def prior_sigmas(self, effect: RigEffect, given: Mapping[str, float] = {}) -> FloatArray:
+        """Return how large an effect's parameters are expected to be, in the order of its columns.
+
+        Sigmas by group or name that are `given` go before the library's.
+        """
+        return np.array([prior_sigma(one, given) for one in self._parameters_of(effect)])
 
     def unit_of(self, effect: RigEffect) -> str:
         """Return the unit of an effect's first unknown."""
-        name = self.columns_of(effect)[0][0]
-        return self._wider[2].get(name, "rad")
+        return self._parameters_of(effect)[0].unit
 
     def signature(self, effect: RigEffect, theta: Theta) -> Signature:
         """Return what an effect leaves in the normalised innovations."""
@@ -291,7 +303,7 @@ class FilterProblem:
             factors=factors,
             noise=NoiseShape(),
             sigma=1.0,
-            events=frozenset(e.name for e in EFFECTS if e.step),
+            events=frozenset(e.name for e in rig_library().effects if e.step),
             bounded=~np.isin(self.row_of, self.rows.white),
             scaled=self._noisy(),
         )

@@ -19,20 +19,16 @@ from errormodel.filter.gains import followed
 from sinscal.calibration.effect_tests import EffectTest, EffectTests
 from sinscal.calibration.rig import RigCalibration
 from sinscal.filter.data import CycleData
-from sinscal.model.effects import DRIFTS, EFFECTS, RigEffect
-from sinscal.model.priors import GROUP_SIGMAS, group_of, prior_sigma
-from sinscal.model.terms import fading
+from sinscal.library import rig_library
+from sinscal.library.groups import RigEffect
+from sinscal.library.jump import DRIFT_SIGMAS, fading
+from sinscal.model.priors import prior_sigma
 from sinscal.recording.run import RigRun
 from sinscal.sensitivity.problem import EDGE_S, FilterProblem
 
 STEP_TIMES = 24  # tried of a jump
-# What drifts: as warmth that is not recorded does, by so many °C …
-UNRECORDED_C = 5.0
-DRIFT_SIGMAS: Mapping[str, float] = {
-    "gyro": UNRECORDED_C * GROUP_SIGMAS["gyro_temperature_drift"],
-    "accel": UNRECORDED_C * GROUP_SIGMAS["accel_temperature_bias"],
-}
-# … evenly or fading with these shares of the run, or in waves of which this is the shortest.
+# A constant error drifts evenly or fading with these shares of the run, or in waves of which this
+# is the shortest.
 RAMP = np.inf
 FADING = (RAMP, 0.5, 0.25, 0.12, 0.06, 0.03)
 WAVES = 6
@@ -101,26 +97,18 @@ class EffectView:
 
 def in_model(effect: RigEffect, found: RigCalibration) -> bool:
     """Return whether a calibration's model has an effect."""
+    groups = {one.group for one in found.sensors.parameters.values()}
     if effect.groups:
-        groups = {group_of(n) for n in found.sensors.names if _of_group(n)}
         return set(effect.groups) <= groups
     if effect.step:
-        return any(n.startswith(f"{effect.step}_bias_step") for n in found.sensors.names)
+        return effect.name in groups
     return effect.drift is None  # the mounting
-
-
-def _of_group(name: str) -> bool:
-    try:
-        group_of(name)
-    except KeyError:
-        return False
-    return True
 
 
 def missing_effects(run: RigRun, found: RigCalibration) -> tuple[RigEffect, ...]:
     """Return the library's effects that a calibration's model lacks and its run could show."""
     angle = found.layout.angle
-    lacking = (e for e in (*EFFECTS, *DRIFTS) if not in_model(e, found))
+    lacking = (e for e in rig_library().by_name.values() if not in_model(e, found))
     return tuple(e for e in lacking if e.recorded(run, angle=angle))
 
 
@@ -181,7 +169,7 @@ def _shapes(
     """
     names, h, phi = problem.columns_of(effect)
     if not (effect.step or effect.drift):
-        size = np.array([prior_sigma(n, given) for n in names])
+        size = problem.prior_sigmas(effect, given)
         yield (), names, size, h, phi
         return
     for theta, waves, sizes in _courses(problem, effect, given):
@@ -198,7 +186,8 @@ def _courses(
     """Yield courses in time: θ, columns (K, w) and their expected sigmas (w,)."""
     at, span_s = problem.elapsed_s, float(np.ptp(problem.elapsed_s))
     if effect.step:
-        sizes = np.array([prior_sigma(f"{effect.step}_bias", given)])
+        constant = rig_library().told[effect.constant_error]
+        sizes = np.array([prior_sigma(constant, given)])
         first, last = float(at[0]) + EDGE_S, float(at[-1]) - EDGE_S
         for time_s in np.linspace(first, last, STEP_TIMES).tolist():
             yield (time_s,), problem.share_after(time_s)[:, None], sizes

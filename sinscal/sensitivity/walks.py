@@ -21,9 +21,8 @@ from scipy.special import logsumexp
 
 from errormodel.arrays import FloatArray
 from errormodel.discrepancy.problem import independent
-from sinscal.model.effects import DRIFTS
+from sinscal.library.jump import DRIFT_SIGMAS, DRIFTS
 from sinscal.sensitivity.problem import FilterProblem
-from sinscal.sensitivity.views import DRIFT_SIGMAS
 
 WAVES = 20  # half waves over the run: a walk of T/32 still has three quarters of its power in them
 TAU_SHARES = (1.0, 0.5, 0.25, 0.125, 0.0625, 0.03125)  # correlation times tried, of the run
@@ -77,7 +76,7 @@ def _of_waves(problem: FilterProblem, share: FloatArray) -> tuple[FloatArray, Fl
         _, h, phi = problem.columns_of(effect)
         wide = [(a[:, :, :, None] * waves[:, None, None, :]).reshape(*a.shape[:2], -1)
                 for a in (h, phi)]  # fmt: skip
-        parts.append(DRIFT_SIGMAS[effect.drift or ""] * problem.normalised(*wide))
+        parts.append((effect.prior_sigma or 0.0) * problem.normalised(*wide))
     columns = np.hstack(parts)
     bearing = independent(problem.bearing())
     columns -= bearing @ (bearing.T @ columns)

@@ -6,6 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from errormodel.errors import InputError
+from sinscal.library import BASIC, rig_library
+from sinscal.library.angle import TIME_OFFSET
 from sinscal.model.chamber import (
     CHAMBERS_OWN,
     ChamberModel,
@@ -13,9 +15,8 @@ from sinscal.model.chamber import (
     combined_prior,
     combined_sensors,
 )
-from sinscal.model.priors import PriorFile, group_of, make_prior
+from sinscal.model.priors import PriorFile, make_prior
 from sinscal.model.sensors import SensorModel, sensor_model
-from sinscal.model.terms import BASIC, GROUPS
 from sinscal.recording.run import RigRun
 from sinscal.twin.motion import rig_motion
 from sinscal.twin.rig_file import RigFile
@@ -41,14 +42,15 @@ def sensors_with(groups: Sequence[str], file: RigFile, *, angle: bool) -> Sensor
         If there is no such group, or it needs temperatures and the file states none.
     """
     wanted = [*BASIC, *(g for g in groups if g not in BASIC)]
-    if angle and "rig_time_offset" not in wanted:
-        wanted.append("rig_time_offset")
+    if angle and TIME_OFFSET not in wanted:
+        wanted.append(TIME_OFFSET)
+    known = rig_library().groups
     for group in wanted:
-        if group not in GROUPS:
-            raise InputError("--groups", group, f"expected some of {', '.join(GROUPS)}")
-        if "temperature" in group and file.temperature is None:
+        if group not in known:
+            raise InputError("--groups", group, f"expected some of {', '.join(known)}")
+        if known[group].needs_temperature and file.temperature is None:
             raise InputError("--groups", group, "needs the programme's [temperature]")
-        if group.startswith("rig_") and not angle:
+        if known[group].needs_angle and not angle:
             raise InputError("--groups", group, "needs the rig's angle")
     return sensor_model(wanted)
 
@@ -75,7 +77,7 @@ def groups_of(values: Mapping[str, float], source: str) -> tuple[str, ...]:
     groups: dict[str, None] = {}
     for name in values:
         try:
-            groups[group_of(name)] = None
+            groups[rig_library().parameter(name).family] = None
         except KeyError:
             raise InputError(source, name, "is no error of a sensor or an angle") from None
     return tuple(groups)
@@ -150,9 +152,9 @@ def _mounted(
     """Return the sensors with the accelerometers' own models, and all true values."""
     if file.temperature is None:
         raise InputError(source, "temperature", "missing; accelerometers of a chamber need it")
-    groups = tuple(dict.fromkeys(group_of(n) for n in sensors.names))
+    groups = tuple(dict.fromkeys(one.family for one in sensors.parameters.values()))
     mounted = combined_sensors(accelerometers, groups)
     true = combined_prior(mounted, accelerometers).values
     own = chamber_names(mounted, accelerometers)
-    kept = {n: v for n, v in values.items() if group_of(n) not in CHAMBERS_OWN}
+    kept = {n: v for n, v in values.items() if sensors.parameters[n].family not in CHAMBERS_OWN}
     return mounted, kept | {n: float(true[mounted.names.index(n)]) for n in own}

@@ -7,9 +7,9 @@ import numpy as np
 from errormodel.arrays import FloatArray
 from sinscal.frames.earth import ARCSEC, DEG_PER_H
 from sinscal.judgement.judge import Judged
+from sinscal.library import BASIC
 from sinscal.model.priors import make_prior
 from sinscal.model.sensors import sensor_model
-from sinscal.model.terms import BASIC
 from sinscal.recording.run import RigRun
 from sinscal.twin.motion import RigFaults, rig_motion
 from sinscal.twin.programme import there_and_back

@@ -13,7 +13,7 @@ from accelbench.shell.outputs import (
 )
 from errormodel.io.atomic import write_files
 from sinscal.discrepancy.find import find_rig_discrepancy
-from sinscal.model.effects import EFFECTS
+from sinscal.library import rig_library
 from sinscal.model.larger_model import read_rig_model, rig_model_toml
 from sinscal.recording.files import read_rig_run
 from sinscal.recording.join import join_runs
@@ -38,7 +38,7 @@ def discrepancy_rig(
     document, text = rig_document(found), list(rig_text(found))
     written: list[tuple[Path, bytes]] = []
     if out is not None:
-        sentences = {e.name: e.sentence for e in EFFECTS}
+        sentences = {e.name: e.sentence for e in rig_library().effects}
         written.append((out, rig_model_toml(enlarged(found), sentences).encode()))
         document["out"] = str(out)
         text.append(f"larger model: {out}")

@@ -19,7 +19,7 @@ from errormodel.arrays import FloatArray
 from sinscal.calibration.consistency import ALONG, FORCES
 from sinscal.discrepancy.find import RigDiscrepancy
 from sinscal.frames.earth import ARCSEC
-from sinscal.model.effects import PHASE, RATE, TEMPERATURE
+from sinscal.library.groups import PHASE, RATE, TEMPERATURE
 from sinscal.sensitivity.factors import history
 from sinscal.sensitivity.problem import FilterProblem
 

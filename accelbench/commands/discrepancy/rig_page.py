@@ -7,10 +7,9 @@ from accelbench.commands.discrepancy.rig_figures import draw_cycles, draw_innova
 from accelbench.commands.discrepancy.rig_text import rig_lines, told_noise, told_parameters
 from accelbench.commands.discrepancy.text import VERDICT_WORDS
 from accelbench.commands.discrepancy.verdict_page import VerdictPage, render_verdicts
-from accelbench.commands.rig_calibrate.text import TOLD_IN
 from accelbench.shell.console import number
 from sinscal.discrepancy.find import RigDiscrepancy
-from sinscal.model.priors import told_group
+from sinscal.library import rig_library
 from sinscal.recording.run import RigRun
 
 CONVENTIONS = (
@@ -61,10 +60,9 @@ def _rivals(d: RigDiscrepancy) -> Iterator[tuple[str, str, str, str]]:
         name = effect.name
         size = "–"
         if name in d.smallest_nameable:
-            value, si = d.smallest_nameable[name]
-            group = name if name in TOLD_IN else told_group(name)
-            unit, divisor = TOLD_IN.get(group, (si, 1.0))
-            size = f"{number(value / divisor, 2)} {unit}"
+            value, _ = d.smallest_nameable[name]
+            told = rig_library().told[(*effect.groups, name)[0]].told_in
+            size = f"{number(value / told.size, 2)} {told.unit}"
         if name in named:
             judged = "named"
         elif name in alias:

@@ -8,15 +8,16 @@ from rich.console import RenderableType
 
 from accelbench.commands.discrepancy.text import VERDICT_WORDS, conclusion_document, rival_lines
 from accelbench.commands.fit.text import value_and_sigma
-from accelbench.commands.rig_calibrate.text import TOLD_IN
 from accelbench.shell.console import number, table
+from errormodel.terms import Told
 from sinscal.calibration.consistency import FORCES
 from sinscal.discrepancy.find import RigDiscrepancy
 from sinscal.discrepancy.held_out import CycleGap
 from sinscal.discrepancy.noise import MeasuredNoise
 from sinscal.frames.earth import ARCSEC, DEG_PER_H
+from sinscal.library import rig_library
+from sinscal.library.angle import MOUNT
 from sinscal.model.larger_model import BiasStep, FoundValue, RigModelFile
-from sinscal.model.priors import told_group
 
 
 def where_words(d: RigDiscrepancy) -> str:
@@ -138,10 +139,10 @@ def told_parameters(d: RigDiscrepancy) -> Iterator[tuple[str, str, str, str]]:
     """Yield effect, parameter, value and sigma, and the unit people tell it in."""
     for e in d.effects:
         for name, p in e.parameters.items():
-            unit, size = (p.unit, 1.0)
-            if p.unit != "s" or name == "rig_time_offset":
-                unit, size = TOLD_IN.get(told_group(name), (p.unit, 1.0))
-            yield e.effect.name, name, value_and_sigma(p.value / size, p.sigma / size), unit
+            one = rig_library().parameters.get(name)  # the time of a jump is none
+            told = one.told_in if one else Told(unit=p.unit)
+            value = value_and_sigma(p.value / told.size, p.sigma / told.size)
+            yield e.effect.name, name, value, told.unit
 
 
 def rig_text(d: RigDiscrepancy) -> Iterator[RenderableType]:
@@ -181,7 +182,7 @@ def enlarged(d: RigDiscrepancy) -> RigModelFile:
         mode=d.source.mode,
         t_ref_c=present.t_ref_c,
         groups=tuple(dict.fromkeys(groups)),
-        mount=present.mount or "rig_mount" in found,
+        mount=present.mount or MOUNT in found,
         steps=(*present.steps, *steps),
         effects={**present.effects, **found},
     )

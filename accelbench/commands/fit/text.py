@@ -197,9 +197,9 @@ def sentences(one: AccelerometerFit) -> Iterator[str]:
         yield loop.sentence
     if not one.channel.has_input:
         yield (
-            "the input is not recorded and taken as constant: K0 holds it too, only the change "
-            "with temperature can be compensated, and K1 and all that depends on the position "
-            "cannot be had"
+            "the input is not recorded and taken as constant: K0 and its slopes over temperature "
+            "hold also the input and all that K1, k2, k3 and the misalignment do there; they "
+            "compensate readings at this input alone"
         )
     yield from doubt_sentences(one)
     noise = one.noise

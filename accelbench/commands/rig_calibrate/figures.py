@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 
-from accelbench.commands.rig_calibrate.text import TOLD_IN
 from accelbench.shell.plotting import (
     COLOURS,
     STYLES,
@@ -23,7 +22,6 @@ from sinscal.frames.attitude import angles_from_c_nb
 from sinscal.judgement.judge import Judged
 from sinscal.judgement.result_file import ResultContent
 from sinscal.model.compensate import compensate_run
-from sinscal.model.priors import told_group
 from sinscal.recording.run import AXES, NavRun, RigRun
 
 ABREAST = 3
@@ -52,7 +50,7 @@ def draw_estimates(result: ResultContent) -> Picture:
     """Draw each group's estimates with their sigmas, and what was expected beforehand."""
     groups: dict[str, list[str]] = {}
     for name in result.names:
-        groups.setdefault(told_group(name), []).append(name)
+        groups.setdefault(result.described(name).group, []).append(name)
     rows = -(-len(groups) // ABREAST)
     figure = new_figure(11.0, 0.6 + 2.6 * rows)
     panels = figure.subplots(rows, ABREAST, squeeze=False).ravel()
@@ -68,7 +66,8 @@ def draw_estimates(result: ResultContent) -> Picture:
 
 
 def _draw_group(axes: Any, group: str, names: list[str], result: ResultContent) -> None:
-    unit, size = TOLD_IN.get(group, (result.parameters[names[0]].unit, 1.0))
+    told = result.described(names[0]).told_in
+    unit, size = told.unit, told.size
     for k, name in enumerate(names):
         one, prior = result.parameters[name], result.prior[name]
         lo, hi = ((prior.mean + s * prior.sigma) / size for s in (-1.0, 1.0))
@@ -156,7 +155,7 @@ def draw_sigmas(judged: Judged) -> Picture:
     steps = np.arange(1, len(found.filtered.sigmas) + 1) * EVERY_STEPS - 1
     groups: dict[str, list[int]] = {}
     for name in found.names:
-        groups.setdefault(told_group(name), []).append(states.index(name))
+        groups.setdefault(found.described(name).group, []).append(states.index(name))
     figure = new_figure(11.0, 4.6)
     axes = figure.subplots()
     handles: list[Any] = []

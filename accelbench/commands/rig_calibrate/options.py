@@ -4,16 +4,16 @@ import math
 
 import click
 
-from accelbench.commands.rig_calibrate.text import TOLD_IN
-from sinscal.model.terms import GROUPS
+from sinscal.library import rig_library
 
 
 def asked_groups(asked: tuple[str, ...]) -> tuple[str, ...]:
     """Return the groups asked for; a comma separates as well."""
     names = tuple(n.strip() for one in asked for n in one.split(",") if n.strip())
+    groups = rig_library().groups
     for name in names:
-        if name not in GROUPS:
-            known = ", ".join(GROUPS)
+        if name not in groups:
+            known = ", ".join(groups)
             raise click.UsageError(f"--groups {name}: expected one of {known}")
     return names
 
@@ -23,14 +23,15 @@ def asked_limits(asked: tuple[str, ...]) -> dict[str, float]:
     limits: dict[str, float] = {}
     for one in asked:
         group, _, said = one.partition("=")
-        if group not in TOLD_IN:
-            raise click.UsageError(f"--protect {one}: expected one of {', '.join(TOLD_IN)}")
-        unit, size = TOLD_IN[group]
+        known = rig_library().told
+        if group not in known:
+            raise click.UsageError(f"--protect {one}: expected one of {', '.join(known)}")
+        told = known[group].told_in
         try:
             limit = float(said)
         except ValueError:
             limit = math.nan
         if not 0.0 < limit < math.inf:
-            raise click.UsageError(f"--protect {one}: expected {group}=LIMIT, > 0, in {unit}")
-        limits[group] = limit * size
+            raise click.UsageError(f"--protect {one}: expected {group}=LIMIT, > 0, in {told.unit}")
+        limits[group] = limit * told.size
     return limits

@@ -7,37 +7,9 @@ import numpy as np
 from rich.console import RenderableType
 
 from accelbench.shell.console import number, table, value_and_sigma
-from sinscal.frames.earth import ARCMIN, DEG_PER_H
 from sinscal.judgement.result_file import ResultContent
-from sinscal.model.effects import BY_NAME
-from sinscal.model.priors import told_group
+from sinscal.library import rig_library
 
-G = 9.80665
-# group: the unit it is told in, and how many SI units that is
-TOLD_IN: Mapping[str, tuple[str, float]] = {
-    "gyro_bias": ("°/h", DEG_PER_H),
-    "gyro_bias_step": ("°/h", DEG_PER_H),
-    "gyro_bias_drift": ("°/h", DEG_PER_H),
-    "gyro_scale": ("ppm", 1e-6),
-    "gyro_misalignment": ("′", ARCMIN),
-    "gyro_g_sensitivity": ("°/h/g", DEG_PER_H / G),
-    "gyro_scale_asymmetry": ("ppm", 1e-6),
-    "gyro_temperature_drift": ("°/h/°C", DEG_PER_H),
-    "accel_bias": ("µg", 1e-6 * G),
-    "accel_bias_step": ("µg", 1e-6 * G),
-    "accel_bias_drift": ("µg", 1e-6 * G),
-    "accel_scale": ("ppm", 1e-6),
-    "accel_misalignment": ("′", ARCMIN),
-    "accel_second_order": ("µg/g²", 1e-6 / G),
-    "lever_arm": ("mm", 1e-3),
-    "accel_delay": ("ms", 1e-3),
-    "accel_temperature_bias": ("µg/°C", 1e-6 * G),
-    "accel_temperature_scale": ("ppm/°C", 1e-6),
-    "rig_time_offset": ("ms", 1e-3),
-    "rig_mount": ("′", ARCMIN),
-    "rig_angle_harmonic": ("″", ARCMIN / 60.0),
-    "rig_angle_harmonic_2": ("″", ARCMIN / 60.0),
-}
 WELL_PROTECTED = 2.0  # times the noise's share: below it no effect is worth telling
 LEVELS = (
     "protection level: the largest error, of the worst parameter of a group, that an effect "
@@ -173,7 +145,8 @@ def protection_lines(result: ResultContent) -> Iterator[str]:
     if not result.consistency["passed"]:
         yield VOID
     for group, (name, one) in worst_levels(result).items():
-        unit, size = TOLD_IN.get(group, (result.parameters[name].unit, 1.0))
+        told = result.described(name).told_in
+        unit, size = told.unit, told.size
         line = f"protection level of {group}: {number(one['total'] / size, 2)} {unit}"
         if group in limits:
             over = "above" if group in result.protection["exceeded"] else "within"
@@ -192,7 +165,7 @@ def worst_levels(result: ResultContent) -> dict[str, tuple[str, Mapping[str, Any
     out: dict[str, tuple[str, Mapping[str, Any]]] = {}
     levels: Mapping[str, Any] = result.protection["parameters"] if result.protection else {}
     for name, one in levels.items():
-        group = told_group(name)
+        group = result.described(name).group
         if group not in out or one["total"] > out[group][1]["total"]:
             out[group] = (name, one)
     return out
@@ -200,7 +173,7 @@ def worst_levels(result: ResultContent) -> dict[str, tuple[str, Mapping[str, Any
 
 def remedy(effect: str) -> str:
     """Return what would make an effect show, or keep it from doing harm."""
-    known = BY_NAME[effect]
+    known = rig_library().by_name[effect]
     return known.experiment + (f", or --groups {effect}" if known.groups else "")
 
 
@@ -210,11 +183,11 @@ COLUMNS = ("parameter", "unit", "value ± 1 σ", "prior σ", "σ / prior")
 def parameter_rows(result: ResultContent) -> Iterator[tuple[str, ...]]:
     """Yield a row for each parameter, in the unit people tell it in."""
     for name, one in result.parameters.items():
-        unit, size = TOLD_IN.get(told_group(name), (one.unit, 1.0))
+        told = result.described(name).told_in
         prior = result.prior[name].sigma
         ratio = number(one.sigma / prior, 2) if prior > 0 else "fixed"
-        value = value_and_sigma(one.value / size, one.sigma / size)
-        yield name, unit, value, number(prior / size, 3), ratio
+        value = value_and_sigma(one.value / told.size, one.sigma / told.size)
+        yield name, told.unit, value, number(prior / told.size, 3), ratio
 
 
 def calibration_text(result: ResultContent) -> Iterator[RenderableType]:

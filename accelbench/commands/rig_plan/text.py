@@ -6,11 +6,10 @@ from typing import Any
 import numpy as np
 from rich.console import RenderableType
 
-from accelbench.commands.rig_calibrate.text import TOLD_IN
 from accelbench.shell.console import number, table
 from errormodel.arrays import FloatArray
 from sinscal.article.tables import ArticleTables, Reading, Table
-from sinscal.model.priors import group_of, told_group
+from sinscal.library import rig_library
 from sinscal.planning.advice import Advice
 from sinscal.planning.budget import error_budget
 from sinscal.planning.covariance import RigCovariance
@@ -139,8 +138,7 @@ def groups_in(one: RigCovariance) -> dict[str, list[int]]:
     """Return the places of each group of parameters."""
     groups: dict[str, list[int]] = {}
     for k, name in enumerate(one.names):
-        mount = name.startswith("rig_mount")
-        groups.setdefault("rig_mount" if mount else group_of(name), []).append(k)
+        groups.setdefault(rig_library().parameter(name).family, []).append(k)
     return groups
 
 
@@ -222,7 +220,8 @@ def sigma_rows(one: RigCovariance) -> Iterator[tuple[str, ...]]:
 def remarks(one: RigCovariance, advice: Sequence[Advice]) -> Iterator[str]:
     """Say what would make the programme better, what it does not show and does not tell apart."""
     for a in advice:
-        unit, size = TOLD_IN[told_group(a.name)]
+        told = rig_library().parameter(a.name).told_in
+        unit, size = told.unit, told.size
         more = f"; {', '.join(a.others)} gain as well" if a.others else ""
         yield (
             f"With {a.change} {a.name} would be {number(a.factor, 2)} times better, "

@@ -9,8 +9,8 @@ from sinscal.calibration.rig import RigCalibration, calibrate
 from sinscal.filter.alignment import found_azimuth
 from sinscal.filter.data import cycle_data
 from sinscal.frames.earth import ARCMIN
+from sinscal.library import BASIC
 from sinscal.model.sensors import as_vector, sensor_model
-from sinscal.model.terms import BASIC
 from sinscal.recording.run import RigRun
 from sinscal.twin.motion import RigMotion, rig_motion
 from sinscal.twin.programme import there_and_back

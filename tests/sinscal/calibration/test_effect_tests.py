@@ -12,10 +12,9 @@ from sinscal.frames.earth import DEG_PER_H
 from sinscal.judgement.judge import Judged, Options, calibrate_and_judge
 from sinscal.judgement.protection import COVERED_SIGMAS, MISSED, noncentrality, unseen_errors
 from sinscal.judgement.result_file import checked_result, make_result
+from sinscal.library import BASIC, rig_library
 from sinscal.model.compensate import compensate_run
-from sinscal.model.effects import BY_NAME
 from sinscal.model.sensors import sensor_model
-from sinscal.model.terms import BASIC
 from sinscal.recording.run import RigRun
 from sinscal.sensitivity.views import EffectView
 from sinscal.twin.motion import RigFaults, rig_motion
@@ -86,7 +85,7 @@ def test_a_sound_run_lacks_nothing_and_its_errors_are_within_the_levels() -> Non
 def view_of(strengths: list[float], errors: list[list[float]]) -> EffectView:
     k = len(strengths)
     return EffectView(
-        effect=BY_NAME["lever_arm"], names=("lever_arm_x_x",) * k, theta=(),
+        effect=rig_library().by_name["lever_arm"], names=("lever_arm_x_x",) * k, theta=(),
         strengths=np.array(strengths), scores=np.zeros(k), errors=np.array(errors), axes=np.eye(k),
     )  # fmt: skip
 

@@ -12,7 +12,7 @@ from sinscal.article.experiment import GROUP_SIGMAS, NOISE, Experiment, navigati
 from sinscal.calibration.nav_filter import NavFilter, NavNoise
 from sinscal.calibration.nav_outputs import nav_cycle
 from sinscal.calibration.navigation import NavCalibration, calibrate_navigation
-from sinscal.model.priors import GROUP_SIGMAS as ARTICLE
+from sinscal.library import rig_library
 from sinscal.model.priors import PriorFile, make_prior
 from sinscal.model.sensors import sensor_model
 from sinscal.recording.run import NavRun
@@ -23,7 +23,7 @@ from sinscal.twin.simulate import SensorNoise, simulate_rig
 
 # 12-minute cycles at the experiment's rates: the same physics in a third of the time
 SHORT = there_and_back((2.0, -2.0, 5.0, -5.0), 720.0, acceleration_deg_s2=10.0)
-ARTICLE_SIGMAS = {group: ARTICLE[group] for group in GROUP_SIGMAS}
+ARTICLE_SIGMAS = {group: rig_library().groups[group].prior_sigma for group in GROUP_SIGMAS}
 
 
 def error_chi2(found: NavCalibration, true_values: np.ndarray) -> float:

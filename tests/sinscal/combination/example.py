@@ -9,6 +9,8 @@ from errormodel.fit import expected_covariance
 from errormodel.noise.drift import NoiseModel
 from errormodel.record import Record
 from sinscal.frames.earth import ARCSEC, DEG_PER_H
+from sinscal.library import BASIC
+from sinscal.library.angle import TIME_OFFSET
 from sinscal.model.chamber import (
     ChamberModel,
     at_reference,
@@ -17,7 +19,6 @@ from sinscal.model.chamber import (
     combined_sensors,
 )
 from sinscal.model.sensors import Motion
-from sinscal.model.terms import BASIC, TIME_OFFSET
 from sinscal.recording.run import RigRun
 from sinscal.twin.motion import RigFaults, rig_motion
 from sinscal.twin.programme import there_and_back

@@ -8,8 +8,8 @@ import pytest
 from scipy.stats import chi2
 
 from sinscal.combination.combine import Combination, combine, joined
+from sinscal.library import BASIC
 from sinscal.model.priors import PriorFile
-from sinscal.model.terms import BASIC
 from tests.sinscal.combination.example import CombinedTwin, make_combined_twin
 
 LOG = logging.getLogger(__name__)

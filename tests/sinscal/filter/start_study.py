@@ -19,9 +19,10 @@ from scipy.stats import chi2
 
 from sinscal.calibration.rig import Mode, calibrate
 from sinscal.frames.earth import ARCSEC, DEG_PER_H
-from sinscal.model.priors import GROUP_SIGMAS, PriorFile, make_prior
+from sinscal.library import BASIC, rig_library
+from sinscal.library.angle import TIME_OFFSET
+from sinscal.model.priors import PriorFile, make_prior
 from sinscal.model.sensors import sensor_model
-from sinscal.model.terms import BASIC, TIME_OFFSET
 from sinscal.twin.motion import RigFaults, rig_motion
 from sinscal.twin.programme import there_and_back
 from sinscal.twin.simulate import SensorNoise, simulate_rig
@@ -62,8 +63,9 @@ def one_start(grade: str, mode: Mode, seed: int, programme: str = "short") -> St
     """Simulate sensors of a grade and calibrate them with matching priors."""
     rng = np.random.default_rng((seed, list(GRADES).index(grade)))
     sensors = sensor_model(BASIC)
-    basic = {TIME_OFFSET: GROUP_SIGMAS[TIME_OFFSET]}
-    sigma = basic | {group: TIMES * GROUP_SIGMAS[group] for group in BASIC}
+    known = rig_library().groups
+    basic = {TIME_OFFSET: known[TIME_OFFSET].prior_sigma}
+    sigma = basic | {group: TIMES * known[group].prior_sigma for group in BASIC}
     if grade == "mems":
         sigma["gyro_bias"] = MEMS_BIAS
     drawn = np.sqrt(np.diag(make_prior(sensors, PriorFile(sigma=sigma)).cov))

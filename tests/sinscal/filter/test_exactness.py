@@ -12,8 +12,8 @@ import pytest
 from sinscal.calibration.rig import calibrate
 from sinscal.filter.data import cycle_data
 from sinscal.filter.integrate import attitudes, mean_forces
+from sinscal.library import BASIC
 from sinscal.model.sensors import sensor_model
-from sinscal.model.terms import BASIC
 from sinscal.twin.motion import rig_motion
 from sinscal.twin.programme import there_and_back
 from sinscal.twin.simulate import SensorNoise, simulate_rig

@@ -10,10 +10,10 @@ from errormodel.errors import InputError
 from sinscal.frames.earth import Site
 from sinscal.judgement.judge import Options, calibrate_and_judge
 from sinscal.judgement.result_file import dump_result, make_result, read_result
+from sinscal.library import BASIC
 from sinscal.model.compensate import compensate_run
 from sinscal.model.priors import make_prior
 from sinscal.model.sensors import sensor_model
-from sinscal.model.terms import BASIC
 from sinscal.recording.run import RigFacts, RigRun, rate_derivative
 from sinscal.twin.motion import rig_motion
 from sinscal.twin.programme import there_and_back

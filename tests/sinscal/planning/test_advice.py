@@ -4,9 +4,9 @@ import numpy as np
 
 from sinscal.filter.data import RigNoise
 from sinscal.frames.earth import ARCSEC, DEG_PER_H
+from sinscal.library import BASIC
 from sinscal.model.priors import make_prior
 from sinscal.model.sensors import sensor_model
-from sinscal.model.terms import BASIC
 from sinscal.planning.advice import Advice, plan_advice
 from sinscal.planning.covariance import rig_covariance
 from sinscal.twin.programme import there_and_back

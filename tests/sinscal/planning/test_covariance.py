@@ -6,9 +6,10 @@ import pytest
 from sinscal.article.tables import NOISE
 from sinscal.calibration.rig import calibrate
 from sinscal.filter.data import RigNoise
+from sinscal.library import BASIC
+from sinscal.library.angle import TIME_OFFSET
 from sinscal.model.priors import make_prior
 from sinscal.model.sensors import SensorModel, sensor_model
-from sinscal.model.terms import BASIC, TIME_OFFSET
 from sinscal.planning.budget import error_budget
 from sinscal.planning.covariance import RigCovariance, rig_covariance
 from sinscal.twin.motion import rig_motion

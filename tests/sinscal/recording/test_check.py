@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from errormodel.errors import InputError
+from sinscal.library import BASIC
 from sinscal.model.sensors import sensor_model
-from sinscal.model.terms import BASIC
 from sinscal.recording.axis_faults import fault_names, permutation_of
 from sinscal.recording.check import checked_rig
 from sinscal.recording.files import read_rig_run, write_rig_run

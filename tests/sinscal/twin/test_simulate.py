@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from sinscal.frames.earth import ARCSEC, DEG_PER_H
+from sinscal.library import BASIC
 from sinscal.model.sensors import sensor_model
-from sinscal.model.terms import BASIC
 from sinscal.recording.run import RigRun
 from sinscal.twin.motion import Harmonic, RigFaults, RigMotion, rig_motion
 from sinscal.twin.programme import angle_law, there_and_back

@@ -14,9 +14,9 @@ from accelbench.joint.chambers import chamber_model
 from accelbench.joint.result_file import read_calibration
 from errormodel.errors import InputError
 from sinscal.judgement.result_file import ResultContent
+from sinscal.library import BASIC
 from sinscal.model.chamber import combined_sensors, within_range
 from sinscal.model.compensate import compensate_run
-from sinscal.model.terms import BASIC
 from sinscal.recording.files import read_rig_run, write_rig_run
 from tests.sinscal.combination.example import NOISE, CombinedTwin, make_combined_twin
 from thermo.compensation.model_file import (

@@ -1,0 +1,194 @@
+"""Errors of gyros, accelerometers and the rig's angle, one file a physical family.
+
+Each module holds its groups of terms with their priors and the units people are told them in, and
+the effects made of them. The library collects what its modules hold; a file of a user's own is one
+member more, for as long as a command runs.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cached_property
+
+from errormodel.errors import InputError
+from errormodel.io.python_file import PythonFile, members_of
+from errormodel.terms import Description, Term
+from sinscal.library import accelerometer, angle, gyro, jump, lever
+from sinscal.library.groups import ALL_CHANNELS, ChannelId, Group, Kind, RigEffect
+
+MODULES = (gyro, accelerometer, lever, angle, jump)
+# What the article estimates; all else is added by name.
+BASIC = tuple(g.name for module in MODULES for g in module.GROUPS if g.basic)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class RigLibrary:
+    """Groups of terms by name, and effects that may be missing from a model.
+
+    Attributes
+    ----------
+    groups : mapping of str to Group
+    effects : tuple of RigEffect
+        What the search may name.
+    drifts : tuple of RigEffect
+        What a calibration is tested for beside them.
+    own : frozenset of str
+        Groups that came from a file of the user's.
+
+    Raises
+    ------
+    LookupError
+        If an effect's group is none of the library's.
+    """
+
+    groups: Mapping[str, Group]
+    effects: tuple[RigEffect, ...]
+    drifts: tuple[RigEffect, ...]
+    own: frozenset[str] = frozenset()
+
+    def __post_init__(self) -> None:
+        for effect in self.effects:
+            for name in effect.groups:
+                if name not in self.groups:
+                    raise LookupError(f"effect {effect.name}: no group {name!r}")
+
+    @cached_property
+    def by_name(self) -> Mapping[str, RigEffect]:
+        """The effects and drifts by name."""
+        return {e.name: e for e in (*self.effects, *self.drifts)}
+
+    @cached_property
+    def parameters(self) -> Mapping[str, Description]:
+        """What every parameter is, by its name: of groups, jumps, drifts and the mounting."""
+        kinds: tuple[Kind, ...] = ("gyro", "accel")
+        changes = [g for k in kinds for g in (jump.bias_step(k, 0.0), jump.bias_drift(k, 1.0, 1.0))]
+        terms = (g.term(c) for g in (*self.groups.values(), *changes) for c in ALL_CHANNELS)
+        made = (c for term in terms if term is not None for c in term.coefficients)
+        return {c.name: c for c in (*made, *angle.MOUNTING)}
+
+    def parameter(self, name: str) -> Description:
+        """Return what a parameter is.
+
+        Raises
+        ------
+        KeyError
+            If no group has it.
+        """
+        if name not in self.parameters:
+            raise KeyError(f"{name} belongs to no group")
+        return self.parameters[name]
+
+    @cached_property
+    def told(self) -> Mapping[str, Description]:
+        """A parameter of each group, by the group's name."""
+        first: dict[str, Description] = {}
+        for one in self.parameters.values():
+            first.setdefault(one.group, one)
+        return first
+
+    def group(self, name: str) -> Group:
+        """Return a group by its name.
+
+        Raises
+        ------
+        KeyError
+            If there is none; the message lists the groups.
+        """
+        if name not in self.groups:
+            raise KeyError(
+                f"no group {name!r}; known: {', '.join(self.groups)}; one of your own needs "
+                "--library FILE"
+            )
+        return self.groups[name]
+
+    def terms_of(
+        self, channel: ChannelId, names: Sequence[str], more: Sequence[Group] = ()
+    ) -> tuple[Term, ...]:
+        """Return a channel's terms of the groups named, and of further ones.
+
+        Raises
+        ------
+        KeyError
+            If there is no such group; the message lists the groups.
+        """
+        groups = [*(self.group(name) for name in names), *more]
+        made = (group.term(channel) for group in groups)
+        return tuple(term for term in made if term is not None)
+
+    def needs_angle(self, name: str) -> bool:
+        """Return whether a group or an effect of the name shows in the rig's angle alone."""
+        if name in self.groups:
+            return self.groups[name].needs_angle
+        return name in self.by_name and self.by_name[name].needs == "angle"
+
+    def equation(self, kind: Kind) -> str:
+        """Return what sensors of a kind measure, a sum of its groups' parts."""
+        parts = [g.formula for g in self.groups.values() if kind in g.kinds and g.formula]
+        return " + ".join(parts)
+
+    @property
+    def signs(self) -> str:
+        """What the parameters' indices and signs mean."""
+        return "; ".join(g.signs for g in self.groups.values() if g.signs)
+
+    def with_members(
+        self, groups: Sequence[Group], effects: Sequence[RigEffect], source: str
+    ) -> "RigLibrary":
+        """Return the library with members of a user's own.
+
+        Raises
+        ------
+        InputError
+            If a name stands in the library already, or an effect's group in neither.
+        """
+        for one, known in ((g, self.groups) for g in groups):
+            if one.name in known:
+                raise InputError(source, "GROUPS", f"{one.name} is in the library already")
+        for effect in effects:
+            if effect.name in self.by_name:
+                raise InputError(source, "EFFECTS", f"{effect.name} is in the library already")
+        try:
+            return RigLibrary(
+                groups={**self.groups, **{g.name: g for g in groups}},
+                effects=(*self.effects, *effects),
+                drifts=self.drifts,
+                own=self.own | {g.name for g in groups},
+            )
+        except LookupError as err:
+            raise InputError(source, "EFFECTS", str(err)) from None
+
+
+STANDARD = RigLibrary(
+    groups={g.name: g for module in MODULES for g in module.GROUPS},
+    effects=tuple(e for module in MODULES for e in module.EFFECTS),
+    drifts=jump.DRIFTS,
+)
+_in_use = [STANDARD]
+
+
+def rig_library() -> RigLibrary:
+    """Return the library in use: the standard one, or one that `using_rig_library` has opened."""
+    return _in_use[-1]
+
+
+@contextmanager
+def using_rig_library(library: RigLibrary) -> Iterator[RigLibrary]:
+    """Use a library until the end of the block: what a command does with a file of its user's."""
+    _in_use.append(library)
+    try:
+        yield library
+    finally:
+        _in_use.remove(library)
+
+
+def with_rig_file(file: PythonFile) -> RigLibrary:
+    """Return the library in use with the groups and effects of a user's file.
+
+    Raises
+    ------
+    InputError
+        If the file's members are not what they should be.
+    """
+    groups = members_of(file, "GROUPS", Group)
+    effects = [e for e in members_of(file, "EFFECTS", object) if isinstance(e, RigEffect)]
+    return rig_library().with_members(groups, effects, file.source)
