@@ -108,7 +108,7 @@ def _changes(
     programme: Programme, sensors: SensorModel, azimuth_sigma_rad: float | None
 ) -> Iterator[tuple[str, Programme, float | None]]:
     if azimuth_sigma_rad is None or azimuth_sigma_rad > ARCMIN:
-        yield "the azimuth of the rotation axis known to 1′", programme, ARCMIN
+        yield "the azimuth of the rotation axis known to 1 arcmin", programme, ARCMIN
     speeds = {abs(s.rate_deg_s) for c in programme.cycles for s in c.segments} - {0.0}
     if len(speeds) == 1 and any(one.group == LEVER_ARM.name for one in sensors.parameters.values()):
         cycles = tuple(_at_two_speeds(c) for c in programme.cycles)

@@ -42,7 +42,7 @@ def chamber_lines(result: CombinedResult) -> Iterator[str]:
 
 def combined_text(result: CombinedResult) -> Iterator[RenderableType]:
     """Tell a combined calibration in words and a table."""
-    made = table(*ALL_COLUMNS, right=ALL_COLUMNS[2:])
+    made = table(*ALL_COLUMNS, right=ALL_COLUMNS[2:], keys=2)
     for row in combined_rows(result):
         made.add_row(*row)
     yield made

@@ -209,7 +209,7 @@ def sentences(one: AccelerometerFit) -> Iterator[str]:
         if noise.drift
         else ", no drift to be seen"
     )
-    head = f", and for a head wrong by {number(one.head_arcsec)}″" if one.head_arcsec else ""
+    head = f", and for a head wrong by {number(one.head_arcsec)} arcsec" if one.head_arcsec else ""
     white = number(1e6 * noise.white, 3)
     yield f"noise {white} µg a reading{drift}; the sigmas allow for both{head}{_repeating(one)}"
     yield run_to_run_sentence(one)
@@ -274,7 +274,8 @@ def _both_units(one: AccelerometerFit, value_ug: float) -> str:
 
 def _coefficients(fits: Sequence[AccelerometerFit]) -> Table:
     """Return a table of coefficients: value ± sigma, an accelerometer a column."""
-    made = table("coefficient", "unit", *(f.serial for f in fits), right=[f.serial for f in fits])
+    serials = [f.serial for f in fits]
+    made = table("coefficient", "unit", *serials, right=serials, keys=2)
     of_each = [reported(f.fit, f.channel.nominal_scale, f.channel.output_unit) for f in fits]
     names = dict.fromkeys(name for values in of_each for name in values)
     for name in names:

@@ -1,6 +1,6 @@
 """A rig calibration told: as the JSON of `accelbench rig calibrate`, and in words."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -9,6 +9,7 @@ from rich.console import RenderableType
 from accelbench.shell.console import number, table, value_and_sigma
 from sinscal.judgement.result_file import ResultContent
 from sinscal.library import rig_library
+from sinscal.recording.run import AXES
 
 WELL_PROTECTED = 2.0  # times the noise's share: below it no effect is worth telling
 LEVELS = (
@@ -18,6 +19,7 @@ LEVELS = (
 )
 VOID = "as tests failed, the levels below hold only once what is wrong is mended"
 SHOWN = 10  # refused measurements in words
+FEW = 3  # pairs that correlate, warnings of one kind
 TESTS = {
     "converged": "the iteration came to rest",
     "nis": "innovations are as large as their sigmas say",
@@ -126,14 +128,38 @@ def observability_lines(result: ResultContent) -> Iterator[str]:
         f"to {number(min(values), 3)}"
     )
     if o["not_observed"]:
-        yield f"not observed (sigma hardly below the prior's): {', '.join(o['not_observed'])}"
+        yield f"not observed (sigma hardly below the prior's): {names_by_axis(o['not_observed'])}"
     for one in o["not_told_apart"]:
         parts = " ".join(f"{w:+.2f}·{n}" for n, w in one.items()).replace("-", "−")
         yield f"not told apart: {parts} (in sigmas of the prior)"
-    for pair in o["correlated"][:SHOWN]:
-        yield f"{pair['names'][0]} and {pair['names'][1]} correlate by {pair['correlation']:+.3f}"
-    if len(o["correlated"]) > SHOWN:
-        yield f"and {len(o['correlated']) - SHOWN} more pairs above 0.9"
+    if pairs := sorted(o["correlated"], key=lambda pair: -abs(pair["correlation"])):
+        told = ", ".join(
+            f"{' and '.join(pair['names'])} by {pair['correlation']:+.3f}" for pair in pairs[:FEW]
+        )
+        more = f", and {len(pairs) - FEW} more pairs beyond ±0.9" if len(pairs) > FEW else ""
+        yield f"hardly told apart, by their correlation: {told}{more}".replace("-", "−")
+
+
+def names_by_axis(names: Sequence[str]) -> str:
+    """Write names, those that differ by their last axis alone together: k0_t3_x, y, z."""
+    stems: dict[str, list[str]] = {}
+    for name in names:
+        stem, _, axis = name.rpartition("_")
+        key, end = (stem, axis) if axis in AXES else (name, "")
+        stems.setdefault(key, []).append(end)
+    return "; ".join(f"{s}_{', '.join(ends)}" if ends[0] else s for s, ends in stems.items())
+
+
+def warning_lines(warnings: Sequence[str]) -> Iterator[str]:
+    """Tell warnings; of one kind no more than a few, and how many there are."""
+    kinds: dict[str, list[str]] = {}
+    for one in warnings:
+        kind, colon, _ = one.partition(": ")
+        kinds.setdefault(kind if colon and " " not in kind else one, []).append(one)
+    for kind, told in kinds.items():
+        yield from (f"warning: {one}" for one in told[:FEW])
+        if len(told) > FEW:
+            yield f"warning: {kind}: {len(told) - FEW} more, all in the result's warnings"
 
 
 def protection_lines(result: ResultContent) -> Iterator[str]:
@@ -192,7 +218,7 @@ def parameter_rows(result: ResultContent) -> Iterator[tuple[str, ...]]:
 
 def calibration_text(result: ResultContent) -> Iterator[RenderableType]:
     """Tell a calibration in words and a table."""
-    made = table(*COLUMNS, right=COLUMNS[2:])
+    made = table(*COLUMNS, right=COLUMNS[2:], keys=2)
     for row in parameter_rows(result):
         made.add_row(*row)
     yield made
@@ -205,5 +231,4 @@ def judgement_lines(result: ResultContent) -> Iterator[str]:
     yield from sentences(result)
     yield from protection_lines(result)
     yield from observability_lines(result)
-    for warning in result.warnings:
-        yield f"warning: {warning}"
+    yield from warning_lines(result.warnings)

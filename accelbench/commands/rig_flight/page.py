@@ -31,6 +31,8 @@ CONVENTIONS = (
     "take-off by the same sensors: errors of the alignment follow from those of the calibration.",
     "A group's share of ρ² holds its correlations with the others; where errors cancel it may be "
     "negative. Its part in metres is the root of that share, times ρ.",
+)
+OF_ARTICLE = (
     "The article names neither the flight's shape nor its noise: this flight is one on which both "
     "of its figures come out.",
 )
@@ -75,24 +77,31 @@ def render_flight(
     return render_page(page, REPORT_NAME)
 
 
-ERROR_COLUMNS = ("calibration", "ρ, m", "published, m", "ratio", "ρ without noise, m")
+ERROR_COLUMNS = ("calibration", "ρ, m", "ρ uncalibrated, m", "ρ without noise, m")
+PUBLISHED_COLUMNS = ("published ρ, m", "ratio")
 
 
 def error_rows(flown: Sequence[FlownCalibration]) -> Iterator[tuple[str, ...]]:
-    """Yield a row for each calibration, the article's figure beside ours, and their ratio."""
+    """Yield a row for each calibration; of the article's with its figures beside ours."""
+    article = of_article(flown)
     rho = {one.name: one.found.rho_end_m for one in flown}
     for one in flown:
+        before = f"{one.before.rho_end_m:.0f}" if one.before else NOTHING
+        row = (one.name, f"{rho[one.name]:.0f}", before, f"{one.alone.rho_end_m:.0f}")
         published = PUBLISHED_M.get(one.name)
-        beside = (
-            (NOTHING, NOTHING)
-            if published is None
-            else (f"{published:.0f}", f"{rho[one.name] / published:.3f}")
-        )
-        yield one.name, f"{rho[one.name]:.0f}", *beside, f"{one.alone.rho_end_m:.0f}"
-    if {COARSE, PRECISE} <= {*rho} and rho[PRECISE] > 0.0:
+        if not article or published is None:
+            yield row
+        else:
+            yield (*row, f"{published:.0f}", f"{rho[one.name] / published:.3f}")
+    if article and {COARSE, PRECISE} <= {*rho} and rho[PRECISE] > 0.0:
         ours, theirs = rho[COARSE] / rho[PRECISE], COARSE_M / PRECISE_M
-        ratios = f"{ours:.3f}", f"{theirs:.3f}", f"{ours / theirs:.3f}"
-        yield "coarse over precise", *ratios, NOTHING
+        beside = f"{theirs:.3f}", f"{ours / theirs:.3f}"
+        yield "coarse over precise", f"{ours:.3f}", NOTHING, NOTHING, *beside
+
+
+def of_article(flown: Sequence[FlownCalibration]) -> bool:
+    """Return whether all are the article's own calibrations, whose figures are published."""
+    return all(one.is_article for one in flown)
 
 
 def budget_rows(flown: Sequence[FlownCalibration]) -> Iterator[tuple[str, ...]]:

@@ -15,6 +15,8 @@ from accelbench.commands.rig_flight.text import (
     read_calibrations,
 )
 from accelbench.shell.outputs import Results, check_results
+from accelbench.shell.progress import Work, working
+from errormodel.progress import followed
 from sinscal.flight.covariance import FlightNoise
 from sinscal.flight.trajectory import FlightPlan
 from sinscal.frames.earth import DEG_PER_H
@@ -31,18 +33,12 @@ def flight(
     check_results(None, report, [], force=force)
     calibrations = read_calibrations(files)
     plan, noise = _plan(given), _noise(given)
-    flown = [
-        fly(
-            name,
-            one,
-            plan,
-            noise,
-            runs=given["runs"],
-            seed=given["seed"],
-            progress=_teller(name),
-        )
-        for name, one in calibrations
-    ]
+    runs, seed = given["runs"], given["seed"]
+    with working("flying") as work:
+        flown = [
+            fly(one, plan, noise, runs=runs, seed=seed, progress=_teller(one.name, work))
+            for one in followed(calibrations)
+        ]
     results = Results(flight_document(plan, noise, flown), flight_text(plan, noise, flown))
     results.add_report(report, lambda: _report(plan, noise, flown))
     results.write(as_json=as_json)
@@ -87,9 +83,9 @@ def _noise(given: dict[str, Any]) -> FlightNoise:
         raise click.UsageError(str(err)) from err
 
 
-def _teller(name: str) -> Callable[[int, int], None]:
+def _teller(name: str, work: Work) -> Callable[[int, int], None]:
     def tell(done: int, of: int) -> None:
         if done % max(1, of // 10) == 0:
-            click.echo(f"{name}: {done} of {of} runs flown", err=True)
+            work.tell(f"{name}: {done} of {of} runs flown")
 
     return tell

@@ -10,6 +10,7 @@ from accelbench.commands.rig_plan.figures import (
 )
 from accelbench.commands.rig_plan.text import (
     HEADINGS,
+    SIGMA_COLUMNS,
     article_rows,
     assumed,
     remarks,
@@ -25,7 +26,7 @@ from sinscal.twin.rig_file import RigFile
 CONVENTIONS = (
     "Measured = true + error: ω′ = (I + Θ)ω + ν⁰ + …, f′ = (I + Γ)f + Δf⁰ + …; Γ lower triangular "
     "fixes the body's axes, Θ is full.",
-    "Sigmas are standard deviations (1 σ), SI; a density of noise is the sigma of a mean over "
+    "Sigmas are standard deviations (1 σ); a density of noise is the sigma of a mean over "
     "one second.",
     "The covariance is that of the calibration's own filter on the programme's exact motion; no "
     "measurement enters it. Faults of the rig that the filter does not estimate are not in it.",
@@ -83,11 +84,10 @@ def _programme(file: RigFile) -> Section:
 
 
 def _mode(mode: str, one: RigCovariance, advice: Sequence[Advice]) -> Iterator[Section]:
-    columns = ("parameter", "sigma", "sigma before", "unit", "mainly from")
     yield Section(
         title=HEADINGS[mode],
         points=tuple(remarks(one, advice)),
-        table=ReportTable(title="", columns=columns, rows=tuple(sigma_rows(one))),
-        words=(0, 3, 4),
+        table=ReportTable(title="", columns=SIGMA_COLUMNS, rows=tuple(sigma_rows(one))),
+        words=(0, 1, 4),
         pictures=(draw_sigmas(one, mode), draw_budget(one, mode), draw_correlations(one, mode)),
     )

@@ -31,7 +31,8 @@ def runs(store: str, as_json: bool) -> None:
     left_behind = warnings(store)
     for line in left_behind:
         click.echo(f"warning: {line}", err=True)
-    made = table("id", "name", "status", "runs", "readings", "outcome", right=("runs", "readings"))
+    names = ("id", "name", "status", "runs", "readings", "outcome")
+    made = table(*names, right=names[3:5], words=names[5:])
     for t in tests:
         made.add_row(t.id, t.name, t.status, str(t.runs), str(t.readings), t.outcome)
     document = {

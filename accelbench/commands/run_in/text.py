@@ -122,6 +122,8 @@ def _spread_text(spread: Spread | None) -> str:
     if spread is None:
         return "–"
     low, high = spread.ci95
+    if spread.sigma == 0:
+        return f"< {number(high, 2)}"
     return f"{number(spread.sigma, 3)} ({number(low, 2)}…{number(high, 2)})"
 
 
@@ -148,14 +150,18 @@ def run_in_text(verdicts: Sequence[RunInVerdict]) -> Iterator[RenderableType]:
     """Tell the verdicts."""
     if not verdicts:
         return
-    made = table(*COLUMNS, right=COLUMNS[2:])
+    made = table(*COLUMNS, right=COLUMNS[2:-1], words=COLUMNS[-1:], keys=2)
     for row in run_in_rows(verdicts):
         made.add_row(*row)
     yield made
-    yield "instability: 1 σ between runs, its 95 % limits in brackets; " + ", ".join(
+    ends = ", ".join(
         f"{v.serial} {v.coefficients[0].before.runs} runs at either end"
         for v in verdicts
         if v.coefficients[0].before is not None
+    )
+    yield (
+        "instability: 1 σ between runs, its 95 % limits in brackets, or < their upper one where "
+        f"the runs do not show any; {ends}"
     )
     nominal = ", ".join(v.serial for v in verdicts if not v.scale_fitted)
     if nominal:

@@ -70,7 +70,7 @@ def render_stability(result: Stability, runs: RecordedRuns) -> dict[str, bytes]:
 
 def _opening(result: Stability) -> Iterator[Section]:
     ranked = sorted(result.accelerometers, key=lambda a: a.rank)
-    names = ("rank", "serial", "verdict", "grade", "runs", "K0 1σ, µg", "limits")
+    names = ("serial", "rank", "verdict", "grade", "runs", "K0 1σ, µg", "K0 limits")
     names += ("K0 max−min, µg", "K1 1σ, ppm", "curves rms, µg", "curves max, µg")
     yield Section(
         title="Result",
