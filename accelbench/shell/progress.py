@@ -8,7 +8,7 @@ from typing import TextIO, cast
 
 import click
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from errormodel.progress import listening
 
@@ -26,10 +26,14 @@ class Work:
         None where nobody looks at a terminal.
     text : str
         What is done.
+    steps : int
+        How often `tell` will be called, for work that tells its steps and no share; 0: it does.
     """
 
-    def __init__(self, bar: Progress | None, text: str) -> None:
+    def __init__(self, bar: Progress | None, text: str, steps: int = 0) -> None:
         self._bar = bar
+        self._steps = steps
+        self._told = 0
         self._began_s = time.monotonic()
         self._shown_s = 0.0
         self._done = 0.0
@@ -41,6 +45,9 @@ class Work:
             click.echo(text, err=True)
         else:
             self._bar.update(self._task, description=text)
+        if self._steps:
+            self.on_share(self._told / self._steps)
+            self._told = min(self._told + 1, self._steps)
 
     def on_share(self, share: float) -> None:
         """Take the share of the work that is done; a bar never goes back."""
@@ -64,13 +71,15 @@ def left_text(spent_s: float, done: float) -> str:
 
 
 @contextmanager
-def working(text: str) -> Generator[Work]:
+def working(text: str, *, steps: int = 0) -> Generator[Work]:
     """Show within the block how far its computation is; the bar is gone afterwards.
 
     Parameters
     ----------
     text : str
         What is done, in a few words.
+    steps : int
+        As `Work` takes it.
 
     Yields
     ------
@@ -78,17 +87,18 @@ def working(text: str) -> Generator[Work]:
         Its `tell` takes the names of steps.
     """
     if not sys.stderr.isatty():
-        yield Work(None, text)
+        yield Work(None, text, steps)
         return
     bar = Progress(
         TextColumn("{task.description}", markup=False),
         BarColumn(bar_width=24),
+        TimeElapsedColumn(),
         TextColumn("{task.fields[note]}", markup=False),
         console=Console(file=cast(TextIO, sys.stderr)),
         redirect_stdout=False,
         transient=True,
     )
     with bar:
-        work = Work(bar, text)
+        work = Work(bar, text, steps)
         with listening(work.on_share):
             yield work

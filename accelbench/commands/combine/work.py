@@ -3,8 +3,6 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-import click
-
 from accelbench.commands.combine.text import combined_text
 from accelbench.commands.rig_calibrate.options import asked_groups
 from accelbench.joint.chambers import chamber_model, three_serials
@@ -16,6 +14,7 @@ from accelbench.shell.outputs import (
     check_results,
     with_sidecars,
 )
+from accelbench.shell.progress import working
 from accelbench.shell.surroundings import show_warnings_at_once
 from errormodel.io.atomic import write_files
 from sinscal.combination.combine import Combination
@@ -28,6 +27,7 @@ from sinscal.recording.run import RigRun
 from thermo.compensation.model_file import ModelFile, read_model
 
 FAILED = 1
+STEPS = 4  # calibrations and a flight, each told
 
 
 def combine(
@@ -52,15 +52,16 @@ def combine(
     known = read_priors(priors) if priors else None
     run = read_rig_run(rig)
     show_warnings_at_once()
-    made, judged, result = combine_and_judge(
-        run,
-        chambers,
-        "precise" if mode == "precise" else "coarse",
-        groups=asked,
-        priors=known,
-        turn_on={"k0": 1e-6 * turn_on_ug, "k1": 1e-6 * turn_on_ppm},
-        tell=lambda text: click.echo(text, err=True),
-    )
+    with working("combining", steps=STEPS) as work:
+        made, judged, result = combine_and_judge(
+            run,
+            chambers,
+            "precise" if mode == "precise" else "coarse",
+            groups=asked,
+            priors=known,
+            turn_on={"k0": 1e-6 * turn_on_ug, "k1": 1e-6 * turn_on_ppm},
+            tell=work.tell,
+        )
     document, text = result.model_dump(mode="json"), list(combined_text(result))
     written: list[tuple[Path, bytes]] = []
     if out is not None:

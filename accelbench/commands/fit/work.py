@@ -16,6 +16,7 @@ from accelbench.shell.outputs import (
     checked_run_output,
     with_sidecars,
 )
+from accelbench.shell.progress import working
 from accelbench.shell.recording_text import recording_document, recording_text
 from errormodel.errors import InputError, NotSeparableError
 from thermo.compensation.compensated_files import (
@@ -88,7 +89,8 @@ def _fit(
 ) -> tuple[AccelerometerFit, ...]:
     """Fit; a complaint about an accelerometer is told with the files it stands in."""
     try:
-        return fit_runs(record, terms=terms, holdout=holdout)
+        with working("fitting"):
+            return fit_runs(record, terms=terms, holdout=holdout)
     except (InputError, NotSeparableError) as err:
         if str(err).startswith(record.source):
             raise

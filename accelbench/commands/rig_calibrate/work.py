@@ -15,6 +15,7 @@ from accelbench.shell.outputs import (
     checked_run_output,
     with_sidecars,
 )
+from accelbench.shell.progress import working
 from accelbench.shell.surroundings import show_warnings_at_once
 from errormodel.errors import InputError
 from sinscal.calibration.hold_out import EACH, LAST, NONE, Held
@@ -104,14 +105,12 @@ def _calibrated(
             raise click.UsageError("--mode navigation takes one file")
         nav = read_nav_run(first)
         show_warnings_at_once()
-        return nav, judge_navigation(nav, options, _tell)
+        with working("calibrating") as work:
+            return nav, judge_navigation(nav, options, work.tell)
     run = join_runs([read_rig_run(path) for path in files])
     show_warnings_at_once()
-    return run, calibrate_and_judge(run, options, _tell)
-
-
-def _tell(text: str) -> None:
-    click.echo(text, err=True)
+    with working("calibrating") as work:
+        return run, calibrate_and_judge(run, options, work.tell)
 
 
 def _report(judged: Judged, run: RigRun | NavRun, result: RigResult) -> dict[str, bytes]:

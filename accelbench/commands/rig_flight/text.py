@@ -12,6 +12,7 @@ from rich.console import RenderableType
 
 from accelbench.shell.console import number, table
 from errormodel.errors import InputError
+from errormodel.progress import followed
 from sinscal.article.published import COARSE_M, PRECISE_M, published_calibrations
 from sinscal.flight.covariance import (
     NOISE,
@@ -97,8 +98,10 @@ def fly(
         Is told of the runs flown, and of how many.
     """
     one = given.calibration
-    with_noise = flight_sensitivity(plan, one.names, noise=noise, every_s=every_s)
-    without = flight_sensitivity(plan, one.names, noise=FlightNoise(), every_s=every_s)
+    with_noise, without = (
+        flight_sensitivity(plan, one.names, noise=each, every_s=every_s)
+        for each in followed((noise, FlightNoise()))
+    )
     whole = assess(with_noise, one)
     held: Agreement | None = None
     if runs:

@@ -24,9 +24,11 @@ from accelbench.shell.outputs import (
     checked_output,
     checked_run_output,
 )
+from accelbench.shell.progress import working
 from errormodel.errors import InputError
 from errormodel.io.atomic import write_files
 from errormodel.io.toml import read_text
+from errormodel.progress import followed
 from sinscal.article.tables import BEST, LITERAL, ArticleAnalysis, ArticleTables
 from sinscal.calibration.rig import Mode
 from sinscal.model.priors import PriorFile, read_priors
@@ -159,13 +161,18 @@ def covariance(
     advice: dict[str, tuple[Advice, ...]] = {}
     tables, document, text = None, dict[str, Any](programme=str(programme)), list[RenderableType]()
     if programme is None:
-        analysis = ArticleAnalysis()
-        tables = (analysis.tables(BEST), analysis.tables(LITERAL))
+        with working("computing the article's tables"):
+            analysis = ArticleAnalysis()
+            best, literal = (analysis.tables(reading) for reading in followed((BEST, LITERAL)))
+        tables = (best, literal)
         file, found = RigFile(**article_programme().model_dump()), tables[0].by_mode(modes)
         document, text = article_document(*tables), list(article_text(*tables))
     else:
         file, prior_file = read_rig_file(programme), read_priors(priors) if priors else None
-        analysed = {m: _analysed(file, m, groups, prior_file, programme) for m in modes}
+        with working("analysing the programme"):
+            analysed = {
+                m: _analysed(file, m, groups, prior_file, programme) for m in followed(modes)
+            }
         found = {m: one for m, (one, _) in analysed.items()}
         advice = {m: told for m, (_, told) in analysed.items()}
     document |= analysis_document(found, advice)

@@ -14,6 +14,7 @@ from accelbench.commands.run.progress import watching
 from accelbench.commands.run.text import Afterwards, run_document, run_text
 from accelbench.shell.console import emit
 from accelbench.shell.outputs import checked_run_output, prove_writable
+from accelbench.shell.progress import working
 from accelbench.shell.surroundings import current_shell
 from drivers.clock import Clock, ScaledClock, SteppedClock
 from drivers.errors import InstrumentError
@@ -75,7 +76,8 @@ def run(
     job = replace(_job(sequence, station, store, resume, speed), take_over=take_over)
     plan = make_plan(job.sequence, job.config, str(sequence or f"test {resume}"))
     if dry_run:
-        foreseen = foresee_plan(plan)
+        with working("foreseeing the test"):
+            foreseen = foresee_plan(plan)
         emit(plan_document(plan, foreseen), plan_text(plan, foreseen), as_json=as_json)
         return DONE
     _check_store(store)

@@ -14,6 +14,7 @@ from accelbench.commands.run_in.text import (
 from accelbench.shell.console import emit
 from accelbench.shell.inputs import add_reading_counts, read_with_doubts
 from accelbench.shell.outputs import REPORT_NAME, check_results
+from accelbench.shell.progress import working
 from errormodel.errors import InputError
 from errormodel.io.atomic import write_files
 from errormodel.io.toml import check
@@ -41,7 +42,8 @@ def runin(
     rule = _rule(sequence, given)
     check_results(None, report, [], force=force)
     runs, doubts = read_with_doubts([Path(name) for name in files], trust_units=trust_units)
-    verdicts = judge_runs(runs, rule, window=window)
+    with working("judging the run-in"):
+        verdicts = judge_runs(runs, rule, window=window)
     document = {
         "accelerometers": run_in_document(verdicts),
         "definition": DEFINITION,

@@ -8,6 +8,7 @@ from accelbench.commands.stability.document import stability_document
 from accelbench.commands.stability.text import stability_text
 from accelbench.shell.inputs import add_reading_counts, read_with_doubts
 from accelbench.shell.outputs import Results, check_results
+from accelbench.shell.progress import working
 from errormodel.errors import InputError, NotSeparableError
 from thermo.fitting.fit import TermsFile, read_terms
 from thermo.recording.files import RecordedRuns
@@ -78,7 +79,8 @@ def _judge(
 ) -> Stability:
     """Compare; a complaint about an accelerometer is told with the files it stands in."""
     try:
-        return judge_stability(record, terms=terms, at_c=at_c, limits=limits)
+        with working("comparing the runs"):
+            return judge_stability(record, terms=terms, at_c=at_c, limits=limits)
     except (InputError, NotSeparableError) as err:
         if str(err).startswith(record.source):
             raise
