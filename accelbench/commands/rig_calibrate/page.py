@@ -3,6 +3,8 @@
 from accelbench.commands.rig_calibrate.figures import calibration_pictures
 from accelbench.commands.rig_calibrate.text import (
     COLUMNS,
+    PASSED,
+    not_made,
     observability_lines,
     parameter_rows,
     protection_lines,
@@ -11,10 +13,18 @@ from accelbench.commands.rig_calibrate.text import (
 )
 from accelbench.shell.console import number
 from accelbench.shell.outputs import REPORT_NAME
-from accelbench.shell.page import Page, ReportTable, Section, render_page
+from accelbench.shell.page import Page, ReportTable, Section, Verdict, render_page
 from sinscal.judgement.judge import Judged
 from sinscal.judgement.result_file import ResultContent
 from sinscal.recording.run import NavRun, RigRun
+
+TERMS = (
+    "An innovation is what a measurement of the filter differs by from its forecast; NIS is its "
+    "square over its variance, 1 on average when the sigmas are right. White: one innovation says "
+    "nothing of the next.",
+    "A singular value tells how many times better than beforehand the run knows a direction of the "
+    "parameters; 0 is one that it does not show.",
+)
 
 
 def render_calibration(
@@ -31,9 +41,21 @@ def render_calibration(
         Made of both.
     """
     estimates = ReportTable(title="", columns=COLUMNS, rows=tuple(parameter_rows(result)))
-    title = f"Rig calibration, {result.mode}, of {result.run.source}"
-    sections = calibration_sections(judged, run, result, estimates)
-    return render_page(Page(title=title, sections=sections), REPORT_NAME)
+    page = Page(
+        title=f"Rig calibration, {result.mode}, of {result.run.source}",
+        verdicts=verdict_boxes(result),
+        sections=calibration_sections(judged, run, result, estimates),
+    )
+    return render_page(page, REPORT_NAME)
+
+
+def verdict_boxes(result: ResultContent) -> tuple[Verdict, ...]:
+    """Return whether the calibration can be trusted, and what was not tested."""
+    text, left = verdict(result), not_made(result)
+    if not text.startswith(PASSED):
+        return (Verdict(text=text, state="bad"),)
+    passed = Verdict(text=PASSED, state="good")
+    return (passed, Verdict(text=left, state="open")) if left else (passed,)
 
 
 def calibration_sections(
@@ -42,7 +64,7 @@ def calibration_sections(
     """Return the sections of a calibration's report; `estimates` is the table of parameters."""
     drawn, *others = calibration_pictures(judged, run, result)
     return (
-        Section(title="Verdict", lines=(verdict(result),), points=tuple(sentences(result))[1:]),
+        Section(title="What the verdict rests on", points=(*tuple(sentences(result))[1:], *TERMS)),
         _warnings(result),
         Section(
             title="Estimates",

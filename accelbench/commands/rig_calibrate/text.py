@@ -18,6 +18,7 @@ LEVELS = (
     "more"
 )
 VOID = "as tests failed, the levels below hold only once what is wrong is mended"
+PASSED = "passed: the calibration is consistent with its sigmas"
 SHOWN = 10  # refused measurements in words
 FEW = 3  # pairs that correlate, warnings of one kind
 TESTS = {
@@ -48,15 +49,20 @@ def verdict(result: ResultContent) -> str:
             "but they would not show an effect that is missing"
         )
     if not failed:
-        not_made = [TESTS[name] for name, ok in tests.items() if ok is None]
-        rest = f" (not tested: {'; '.join(not_made)})" if not_made else ""
-        return f"passed: the calibration is consistent with its sigmas{rest}"
+        rest = f" ({told})" if (told := not_made(result)) else ""
+        return f"{PASSED}{rest}"
     missing = {"nis", "white", "held_out", "complete", "converged"} & {
         n for n, ok in tests.items() if ok is False
     }
     asks = "; `accelbench discrepancy rig` looks for what the model lacks"
     hint = asks if missing and result.mode != "navigation" else ""
     return f"failed: it does not hold that {'; that '.join(failed)}{hint}"
+
+
+def not_made(result: ResultContent) -> str:
+    """Say which tests were not made; empty when all were."""
+    left = [TESTS[n] for n, ok in result.consistency["tests"].items() if ok is None]
+    return f"not tested: {'; '.join(left)}" if left else ""
 
 
 def sentences(result: ResultContent) -> Iterator[str]:

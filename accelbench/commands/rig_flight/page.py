@@ -8,8 +8,11 @@ from accelbench.commands.rig_flight.figures import draw_flight
 from accelbench.commands.rig_flight.text import (
     COARSE,
     PRECISE,
+    RHO,
     SHOWN_SHARE,
     FlownCalibration,
+    bought_lines,
+    distance,
     group_title,
     held_text,
     noise_text,
@@ -17,7 +20,7 @@ from accelbench.commands.rig_flight.text import (
 )
 from accelbench.shell.console import number
 from accelbench.shell.outputs import REPORT_NAME
-from accelbench.shell.page import Page, ReportTable, Section, render_page
+from accelbench.shell.page import Page, ReportTable, Section, Verdict, render_page
 from sinscal.article.published import COARSE_M, PRECISE_M
 from sinscal.flight.covariance import FlightNoise
 from sinscal.flight.trajectory import FlightPlan
@@ -52,12 +55,15 @@ def render_flight(
     """
     errors, sigmas, way = draw_flight(plan, flown)
     parts = [f"{one.name}, {unit}" for one in flown for unit in ("%", "m")]
+    article = of_article(flown)
+    columns = (*ERROR_COLUMNS, *(PUBLISHED_COLUMNS if article else ()))
     sections = (
         Section(
             title="Position error",
             lines=(f"After {plan.duration_s / 3600.0:g} h, {trajectory(plan)}.", noise_text(noise)),
             points=tuple(held_text(one.name, one.agreement) for one in flown if one.agreement),
-            table=ReportTable(title="", columns=ERROR_COLUMNS, rows=tuple(error_rows(flown))),
+            table=ReportTable(title="", columns=columns, rows=tuple(error_rows(flown))),
+            after=RHO,
             pictures=(errors,),
         ),
         Section(
@@ -70,10 +76,17 @@ def render_flight(
         ),
         Section(title="Attitude and velocity", pictures=(sigmas,)),
         Section(title="Trajectory", pictures=(way,)),
-        Section(title="Conventions", points=CONVENTIONS),
+        Section(title="Conventions", points=(*CONVENTIONS, *(OF_ARTICLE if article else ()))),
     )
     names = ", ".join(one.name for one in flown)
-    page = Page(title=f"Flight after calibration: {names:.100}", sections=sections)
+    bought = tuple(Verdict(text=line) for line in bought_lines(flown))
+    ends = "; ".join(f"{one.name} {distance(one.found.rho_end_m)}" for one in flown)
+    hours = f"position error after {plan.duration_s / 3600.0:g} h (1 σ): {ends}"
+    page = Page(
+        title=f"Flight after calibration: {names:.100}",
+        verdicts=bought or (Verdict(text=hours),),
+        sections=sections,
+    )
     return render_page(page, REPORT_NAME)
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 
+from accelbench.commands.rig_calibrate.text import names_by_axis
 from accelbench.commands.rig_plan.figures import (
     draw_budget,
     draw_correlations,
@@ -13,11 +14,12 @@ from accelbench.commands.rig_plan.text import (
     SIGMA_COLUMNS,
     article_rows,
     assumed,
+    not_seen,
     remarks,
     sigma_rows,
 )
 from accelbench.shell.outputs import REPORT_NAME
-from accelbench.shell.page import Page, ReportTable, Section, render_page
+from accelbench.shell.page import Page, ReportTable, Section, Verdict, render_page
 from sinscal.article.tables import ArticleTables
 from sinscal.planning.advice import Advice
 from sinscal.planning.covariance import RigCovariance
@@ -61,8 +63,20 @@ def render_covariance(
     for mode, one in found.items():
         sections += _mode(mode, one, (advice or {}).get(mode, ()))
     sections.append(Section(title="Conventions", points=CONVENTIONS))
-    page = Page(title=f"Covariance analysis of {title:.120}", sections=tuple(sections))
+    page = Page(
+        title=f"Covariance analysis of {title:.120}",
+        verdicts=tuple(_seen(mode, one) for mode, one in found.items()),
+        sections=tuple(sections),
+    )
     return render_page(page, REPORT_NAME)
+
+
+def _seen(mode: str, one: RigCovariance) -> Verdict:
+    """Say whether the programme shows every parameter."""
+    hidden = list(not_seen(one))
+    if not hidden:
+        return Verdict(text=f"{mode}: the programme shows every parameter", state="good")
+    return Verdict(text=f"{mode}: hardly seen are {names_by_axis(hidden)}", state="open")
 
 
 def _article(best: ArticleTables, literal: ArticleTables) -> Iterator[Section]:

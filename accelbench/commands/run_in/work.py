@@ -4,11 +4,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from accelbench.commands.run_in.text import (
-    COLUMNS,
     DEFINITION,
-    law_sentence,
     run_in_document,
-    run_in_rows,
     run_in_text,
 )
 from accelbench.shell.console import emit
@@ -88,21 +85,7 @@ def _rule_text(rule: RunInRule) -> str:
 def _report_files(
     verdicts: Sequence[RunInVerdict], runs: RecordedRuns, rule: RunInRule, folder: Path
 ) -> list[tuple[Path, bytes]]:
-    # matplotlib takes its second
-    from accelbench.commands.run_in.figures import MAX_PICTURES, run_in_pictures
-    from accelbench.shell.page import embedded, rendered
+    from accelbench.commands.run_in.page import render_run_in  # matplotlib takes its second
 
-    drawn = list(run_in_pictures(verdicts))
-    page = rendered(
-        "run_in.html.j2",
-        figures=[embedded(p) for p in drawn],
-        title=f"Run-in of {', '.join(v.serial for v in verdicts):.80}",
-        told=[f"{v.sentence}; {law_sentence(v)}." for v in verdicts],
-        columns=COLUMNS,
-        rows=list(run_in_rows(verdicts)),
-        definition=DEFINITION,
-        rule=_rule_text(rule),
-        unpictured=max(0, len(verdicts) - MAX_PICTURES),
-        sources=[(run, runs.digest(run)) for run in in_order(runs)],
-    )
-    return [(folder / REPORT_NAME, page.encode()), *((folder / p.name, p.png) for p in drawn)]
+    pages = render_run_in(verdicts, runs, _rule_text(rule))
+    return [(folder / name, content) for name, content in pages.items()]

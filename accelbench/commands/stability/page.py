@@ -1,6 +1,6 @@
 """The report of run-to-run stability: one HTML file and its pictures."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 from accelbench.commands.stability.document import definition
 from accelbench.commands.stability.figures import (
@@ -13,8 +13,10 @@ from accelbench.commands.stability.text import (
     LIMITS_TEXT,
     coefficient_row,
     component_lines,
+    criterion_text,
     headline,
     limits_text,
+    movements,
     sentences,
     sigma_text,
     summary_row,
@@ -25,6 +27,8 @@ from accelbench.shell.page import (
     Page,
     ReportTable,
     Section,
+    State,
+    Verdict,
     render_page,
     source_rows,
 )
@@ -64,8 +68,31 @@ def render_stability(result: Stability, runs: RecordedRuns) -> dict[str, bytes]:
     """
     serials = ", ".join(a.serial for a in result.accelerometers)
     sections = (*_opening(result), *_details(result), *_closing(runs))
-    page = Page(title=f"Run-to-run stability of {serials:.80}", sections=sections)
+    page = Page(
+        title=f"Run-to-run stability of {serials:.80}",
+        verdicts=tuple(_verdicts(result)),
+        sections=sections,
+    )
     return render_page(page, REPORT_NAME)
+
+
+STATES: Mapping[str, State] = {"pass": "good", "fail": "bad", "undecided": "open"}
+
+
+def _verdicts(result: Stability) -> Iterator[Verdict]:
+    """Yield a box for each verdict with the accelerometers that have it, the worst first."""
+    for word in ("fail", "undecided", "pass"):
+        mine = [a for a in result.accelerometers if a.verdict == word]
+        if mine:
+            why = [f"{a.serial}, {criterion_text(c)}" for a in mine for c in a.criteria
+                   if c.verdict == word != "pass"]  # fmt: skip
+            told = f"{', '.join(a.serial for a in mine)}: {word}"
+            yield Verdict(text="; ".join((told, *why)), state=STATES[word])
+    for one in result.accelerometers:
+        for line in movements(one):
+            yield Verdict(text=f"{one.serial}: {line}", state="open")
+    if not any(a.verdict in STATES for a in result.accelerometers):
+        yield Verdict(text="no limits were given: nothing is judged")
 
 
 def _opening(result: Stability) -> Iterator[Section]:
