@@ -84,7 +84,10 @@ class TextTable:
         width = options.max_width if console.is_terminal else None
         for line, is_heading in self.lines(width, ruled=console.is_terminal):
             style = "bold" if is_heading else ""
-            yield Text(line, style=style, no_wrap=True, overflow="ignore")
+            # a key column alone may be wider than a small terminal: then its line goes on below
+            too_wide = width is not None and cell_len(line) > width
+            overflow = "fold" if too_wide else "ignore"
+            yield Text(line, style=style, no_wrap=not too_wide, overflow=overflow)
 
     def _parts(self, width: int | None) -> Iterator[list[int]]:
         """Yield the columns of each part: as many as fit, after the keys."""

@@ -88,7 +88,7 @@ def test_what_goes_wrong_inside_is_one_line_and_shown_in_full_when_asked(
 
 
 @pytest.mark.parametrize(
-    ("raised", "code"), [(KeyboardInterrupt(), 1), (OSError(28, "No space left", "x.csv"), 2)]
+    ("raised", "code"), [(KeyboardInterrupt(), 130), (OSError(28, "No space left", "x.csv"), 2)]
 )
 def test_other_ends(call, monkeypatch, two_runs, raised, code):
     def ends(*_args: object, **_kwargs: object) -> None:

@@ -7,6 +7,7 @@ import numpy as np
 
 from accelbench.shell.plotting import (
     COLOURS,
+    MARKERS,
     STYLES,
     Picture,
     dress,
@@ -15,6 +16,7 @@ from accelbench.shell.plotting import (
     picture,
     thinned,
 )
+from accelbench.shell.plotting import draw_correlations as draw_matrix
 from errormodel.arrays import FloatArray
 from sinscal.calibration.rig import RigCalibration
 from sinscal.filter.integrate import attitudes
@@ -143,7 +145,7 @@ def _unit_of_row(name: str) -> tuple[str, float]:
     if name.startswith("force"):
         return "mm/s²", 1e-3
     if name.startswith("rig"):
-        return "″", np.pi / 180.0 / 3600.0
+        return "arcsec", np.pi / 180.0 / 3600.0
     return ("mm/s", 1e-3) if name.startswith("velocity") else ("m", 1.0)
 
 
@@ -170,6 +172,8 @@ def draw_sigmas(judged: Judged) -> Picture:
         (line,) = axes.plot(
             np.append(0.0, clock[steps]), np.append(1.0, mean),
             color=COLOURS[k % len(COLOURS)], linestyle=STYLES[(k // len(COLOURS)) % len(STYLES)],
+            marker=MARKERS[k % len(MARKERS)], markersize=4.0,
+            markevery=(k, max(1, steps.size // 12)),
         )  # fmt: skip
         handles.append(line)
         labels.append(group)
@@ -189,17 +193,7 @@ def draw_correlations(judged: Judged) -> Picture:
     free = np.flatnonzero(sigma > 0)
     names = [found.names[int(i)] for i in free]
     matrix = found.cov[np.ix_(free, free)] / np.outer(sigma[free], sigma[free])
-    size = 3.4 + 0.17 * len(names)
-    figure = new_figure(size + 1.0, size)
-    axes = figure.subplots()
-    image = axes.imshow(matrix, vmin=-1.0, vmax=1.0, cmap="RdBu_r")
-    axes.set_xticks(range(len(names)), names, rotation=90.0, fontsize=6)
-    axes.set_yticks(range(len(names)), names, fontsize=6)
-    bar = figure.colorbar(image, ax=axes, shrink=0.7)
-    bar.set_label("correlation", fontsize=9)
-    bar.ax.tick_params(labelsize=8)
-    caption = "Correlations of the estimates."
-    return picture(figure, "correlations.png", caption)
+    return draw_matrix(names, matrix, "correlations.png", "")
 
 
 def draw_motion(judged: Judged, run: RigRun | NavRun) -> Picture:

@@ -18,6 +18,7 @@ from sinscal.judgement.judge import Judged
 from sinscal.judgement.result_file import ResultContent
 from sinscal.recording.run import NavRun, RigRun
 
+LISTED = 30  # refused measurements
 TERMS = (
     "An innovation is what a measurement of the filter differs by from its forecast; NIS is its "
     "square over its variance, 1 on average when the sigmas are right. White: one innovation says "
@@ -63,8 +64,9 @@ def calibration_sections(
 ) -> tuple[Section, ...]:
     """Return the sections of a calibration's report; `estimates` is the table of parameters."""
     drawn, *others = calibration_pictures(judged, run, result)
+    _, *rests_on = sentences(result, listed=False)
     return (
-        Section(title="What the verdict rests on", points=(*tuple(sentences(result))[1:], *TERMS)),
+        Section(title="What the verdict rests on", points=(*rests_on, *TERMS)),
         _warnings(result),
         Section(
             title="Estimates",
@@ -102,12 +104,15 @@ def _warnings(result: ResultContent) -> Section:
 def _refused(result: ResultContent) -> Section:
     listed = result.refused["measurements"]
     rows = tuple(
-        (str(r["cycle"]), r["channel"], f"{r['time_s']:.1f}", f"{r['sigmas']:+.1f}") for r in listed
+        (str(r["cycle"]), r["channel"], f"{r['time_s']:.1f}", f"{r['sigmas']:+.1f}")
+        for r in listed[:LISTED]
     )
     flagged = ", ".join(str(n) for n in result.refused["flagged_rows_by_cycle"])
+    left = result.refused["n"] - len(rows)
     return Section(
         title="Refused measurements",
         lines=(f"{result.refused['n']} refused by the gate; rows flagged by cycle: {flagged}.",),
+        after=(f"{left} more stand in the result file.",) if left > 0 else (),
         table=ReportTable(title="", columns=("cycle", "row", "time, s", "sigmas"), rows=rows)
         if rows
         else None,

@@ -65,8 +65,15 @@ def not_made(result: ResultContent) -> str:
     return f"not tested: {'; '.join(left)}" if left else ""
 
 
-def sentences(result: ResultContent) -> Iterator[str]:
-    """Tell the verdict and what it rests on, a sentence a line."""
+def sentences(result: ResultContent, *, listed: bool = True) -> Iterator[str]:
+    """Tell the verdict and what it rests on, a sentence a line.
+
+    Parameters
+    ----------
+    result : ResultContent
+    listed : bool
+        Whether refused measurements are listed.
+    """
     c = result.consistency
     yield verdict(result)
     lo, hi = c["nis_interval"]
@@ -104,7 +111,8 @@ def sentences(result: ResultContent) -> Iterator[str]:
         )
     flagged = result.refused["flagged_rows_by_cycle"]
     yield f"rows flagged by cycle: {', '.join(str(n) for n in flagged)}"
-    yield from refused_lines(result)
+    if listed:
+        yield from refused_lines(result)
     if result.not_tested:
         yield f"not tested: {'; '.join(result.not_tested)}"
 
