@@ -83,7 +83,7 @@ def _problem(one: ErrorDetails, config: type[BaseModel]) -> str:
     if one["type"] == "extra_forbidden":
         known = _keys_at(one["loc"][:-1], config)
         near = difflib.get_close_matches(str(one["loc"][-1]), known, n=1)
-        return "no such key" + (f", did you mean {near[0]}?" if near else "")
+        return "no such key" + (f" (did you mean {near[0]}?)" if near else "")
     if one["type"] == "union_tag_invalid":
         return f"{context['tag']!r}, expected one of {context['expected_tags']}"
     message = one["msg"].removeprefix("Value error, ")

@@ -1,4 +1,5 @@
 import json
+import os
 import subprocess
 import sys
 from typing import get_args
@@ -173,3 +174,32 @@ def test_what_a_help_says_of_a_default_is_what_the_work_takes():
 
     assert runin.WINDOW == WINDOW
     assert get_args(Unit) == triad.UNITS
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [("accelbench rig cal", "calibrate"), ("accelbench stability --li", "limits")],
+)
+def test_the_shell_s_completion_is_answered(words, said):
+    asked = {"COMP_WORDS": words, "COMP_CWORD": str(len(words.split()) - 1)}
+    done = subprocess.run(
+        [sys.executable, "-m", "accelbench"],
+        env=os.environ | {"_ACCELBENCH_COMPLETE": "bash_complete"} | asked,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert said in done.stdout, done.stderr
+
+
+def test_a_refusal_with_json_is_a_document_too(call):
+    done = call("fit", "lost.csv", "--json")
+    assert done.code == 2
+    assert done.document == {"error": "lost.csv: no such file", "exit_code": 2}
+    assert done.err == "accelbench: lost.csv: no such file\n"
+
+
+@pytest.mark.parametrize(("words", "meant"), [(("ft",), "fit"), (("rig", "calibrte"), "calibrate")])
+def test_a_misspelt_command_is_told_the_nearest(refused, words, meant):
+    assert f"did you mean '{meant}'?" in refused(*words)
+    assert "expected one of demo, run" in refused("zzzzzz")

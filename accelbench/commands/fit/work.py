@@ -31,6 +31,15 @@ from thermo.recording.foreign import import_log
 from thermo.recording.summary import summary_of
 from thermo.recording.units_check import unit_complaints
 
+BEFORE = (
+    "error before: by the nominal scale factor alone; the raw residual of fit has bias and scale "
+    "factor of its own already, and is smaller"
+)
+MOVED_UG = 1e5  # a tenth of a g: no accelerometer at one input leaves so much
+MOVED = (
+    "no position is recorded, and yet the output moves as if the input had: this is no model of it; "
+    "the column position_deg tells where the head stood"
+)
 WORSE = "the model leaves more than constants alone do: it is no model of these readings"
 RUNS = click.argument("files", nargs=-1, required=True, metavar="RUN.csv…")
 
@@ -64,12 +73,18 @@ def fit(
     fits = _fit(record, given, wanted)
     model = make_model_file(fits)
     worse = [f"{f.serial}: {WORSE}" for f in fits if f.worse_than_none]
+    worse += [f"{f.serial}: {MOVED}" for f in fits if moved(f)]
     results = Results(fit_document(fits, model), [*fit_text(fits, model), *worse, *doubts])
     add_reading_counts(results.document, record, doubts)
     results.add_file("model file", out, lambda: dump_model(model))
     results.add_report(report, lambda: _report(fits, record, model))
     results.write(as_json=as_json)
     return 1 if doubts or worse else 0
+
+
+def moved(one: AccelerometerFit) -> bool:
+    """Return whether an input that is not recorded cannot have been constant."""
+    return not one.channel.has_input and one.summary.rms_ug > MOVED_UG
 
 
 def _report(
@@ -156,7 +171,7 @@ def _compensated_text(done: CompensatedFile, out: Path) -> list[RenderableType]:
         outside = c.outside_range + c.outside_rate + c.outside_input
         before, after = number(c.error_before_ug), number(c.error_after_ug)
         made.add_row(c.serial, str(c.n), str(outside), before, after, number(c.sigma_ug, 3))
-    notes = [note for c in done.channels for note in _notes(c)]
+    notes = [BEFORE, *(note for c in done.channels for note in _notes(c))]
     return [made, *notes, f"{out}: compensated with model {done.models.model_id}"]
 
 
