@@ -37,8 +37,8 @@ BEFORE = (
 )
 MOVED_UG = 1e5  # a tenth of a g: no accelerometer at one input leaves so much
 MOVED = (
-    "no position is recorded, and yet the output moves as if the input had: this is no model of it; "
-    "the column position_deg tells where the head stood"
+    "no position is recorded, and yet the output moves as if the input had: this is no model of "
+    "it; the column position_deg tells where the head stood"
 )
 WORSE = "the model leaves more than constants alone do: it is no model of these readings"
 RUNS = click.argument("files", nargs=-1, required=True, metavar="RUN.csv…")

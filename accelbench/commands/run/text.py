@@ -26,6 +26,8 @@ class Afterwards:
         None when there was no run-in, empty when it cannot be judged.
     problems : tuple of str
         What could not be done, and how to come by it.
+    out : str
+        Where the recorded run was asked for; empty when it was not.
     in_store, repeated : int or None
         Of a test that was resumed: its readings in the store, and those of them that were measured
         again after the interruption and are not exported.
@@ -35,6 +37,7 @@ class Afterwards:
     exported: tuple[str, ...] = ()
     settled: tuple[RunInVerdict, ...] | None = None
     problems: tuple[str, ...] = ()
+    out: str = ""
     in_store: int | None = None
     repeated: int | None = None
 
@@ -140,9 +143,13 @@ def run_text(
     else:
         lines.append(f"chamber: not commanded; {'; '.join(outcome.safe.steps)}")
     lines += ramp_lines(after.verdicts, verbose=verbose)
-    lines += [f"recorded run: {path}" for path in after.exported]
+    ended = outcome.status == "finished"
+    what = "recorded run" if ended else "recorded run, of what was measured so far"
+    lines += [f"{what}: {path}" for path in after.exported]
     lines += after.problems
-    if outcome.status != "finished" and outcome.test_id:
-        resume = ("run", "--resume", outcome.test_id, "--store", store)
+    if not ended and outcome.test_id:
+        resume = ["run", "--resume", outcome.test_id, "--store", store]
+        if after.exported and after.out:
+            resume += ["--out", after.out, "--force"]
         lines.append(f"go on with: accelbench {shlex.join(resume)}")
     return [*lines, *run_in_text(after.settled or ())]

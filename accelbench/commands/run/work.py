@@ -201,7 +201,7 @@ def _forget_empty(path: Path) -> None:
 
 def _afterwards(job: _Job, plan: Plan, outcome: TestOutcome, out: Path | None) -> Afterwards:
     """Judge and export what there is; what goes wrong in it must never hide how the test ended."""
-    done, problems = Afterwards(), list[str]()
+    done, problems = Afterwards(out=str(out) if out else ""), list[str]()
 
     @contextmanager
     def told(what: str) -> Generator[None]:
