@@ -10,7 +10,7 @@ from types import FrameType
 import click
 
 from accelbench.shell.terminal import Terminal
-from thermo.station.detached import CLOSE_S
+from thermo.station.observers.detached import CLOSE_S
 
 DONE, FAILED, MISUSE, STOPPED = 0, 1, 2, 130
 HELD_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)

@@ -16,7 +16,7 @@ import threading
 from collections.abc import Callable, Mapping
 from typing import Any, TextIO
 
-from thermo.station.detached import Kind, Worker, counted
+from thermo.station.observers.detached import Kind, Worker, counted
 
 PIECE = 4096  # bytes written at a time: whoever reads slowly is seen to move
 # a terminal that was hung up; of a file EIO is a fault of its disk

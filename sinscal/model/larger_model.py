@@ -13,6 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from errormodel.errors import InputError
 from errormodel.io.toml import read_toml
+from errormodel.io.toml_write import Plain, toml_text
 from sinscal.library import rig_library
 from sinscal.library.angle import MOUNT
 from sinscal.library.groups import Group, Kind
@@ -133,16 +134,17 @@ def read_rig_model(path: Path | str) -> RigModelFile:
 
 def rig_model_toml(model: RigModelFile, sentences: Mapping[str, str]) -> str:
     """Return the text of MODEL.toml, each effect under its sentence."""
-    groups = ", ".join(f'"{g}"' for g in model.groups)
-    lines = [f'mode = "{model.mode}"', f"t_ref_c = {model.t_ref_c!r}", f"groups = [{groups}]"]
-    if model.mount:
-        lines.append("mount = true")
-    for step in model.steps:
-        lines += ["", "[[steps]]", f'kind = "{step.kind}"', f"at_s = {step.at_s!r}"]
-    for name, parameters in model.effects.items():
-        lines += ["", f"# {sentences[name]}", f"[effects.{name}]"]
-        lines += [
-            f'{n} = {{ value = {p.value!r}, sigma = {p.sigma!r}, unit = "{p.unit}" }}'
-            for n, p in parameters.items()
-        ]
-    return "\n".join(lines) + "\n"
+    data: dict[str, Plain] = {
+        "mode": model.mode,
+        "t_ref_c": model.t_ref_c,
+        "groups": model.groups,
+        **({"mount": True} if model.mount else {}),
+    }
+    if model.steps:
+        data["steps"] = [step.model_dump() for step in model.steps]
+    if model.effects:
+        data["effects"] = {
+            name: {n: found.model_dump() for n, found in parameters.items()}
+            for name, parameters in model.effects.items()
+        }
+    return toml_text(data, {("effects", name): sentences[name] for name in model.effects})

@@ -15,6 +15,7 @@ from errormodel.errors import InputError
 from errormodel.io.table_write import write_with_sidecar
 from errormodel.io.tables import RawTable, TableForm, read_table, sidecar_path
 from errormodel.io.toml import read_toml
+from errormodel.io.toml_write import Plain, toml_text
 from sinscal.frames.attitude import angles_from_c_nb
 from sinscal.frames.earth import ARCSEC, DEG_PER_H, Site
 from sinscal.recording.check import checked_rig
@@ -205,8 +206,7 @@ def write_rig_run(
         table["rig_angle_rad"] = run.rig_angle_rad
     if np.any(run.flag):
         table["flag"] = np.asarray(run.flag)
-    more = f'compensated_with = "{compensated_with}"\n' if compensated_with else ""
-    _write(table, run.facts, Path(path), more)
+    _write(table, run.facts, Path(path), compensated_with)
 
 
 def write_nav_run(run: NavRun, path: Path | str) -> None:
@@ -261,14 +261,16 @@ def _temperatures(temp_c: FloatArray | None) -> dict[str, FloatArray]:
     return _columns("temp_{}_c", temp_c)
 
 
-def _write(table: dict[str, FloatArray], facts: RigFacts, path: Path, more: str = "") -> None:
+def _write(
+    table: dict[str, FloatArray], facts: RigFacts, path: Path, compensated_with: str | None = None
+) -> None:
     frame = pd.DataFrame(table)
     whole = [name for name in ("cycle", "flag") if name in frame.columns]
     frame[whole] = frame[whole].astype(np.int64)
-    write_with_sidecar(frame, _sidecar_text(facts) + more, path)
+    write_with_sidecar(frame, _sidecar_text(facts, compensated_with), path)
 
 
-def _sidecar_text(facts: RigFacts) -> str:
+def _sidecar_text(facts: RigFacts, compensated_with: str | None) -> str:
     values: dict[str, float | None] = {
         "latitude_deg": float(np.rad2deg(facts.site.lat_rad)),
         "height_m": facts.site.height_m,
@@ -278,14 +280,13 @@ def _sidecar_text(facts: RigFacts) -> str:
         "accel_noise_m_s2_rthz": facts.accel_noise,
         "angle_noise_arcsec_rthz": _over(facts.angle_noise, ARCSEC),
     }
-    lines = [f"{key} = {float(value)!r}" for key, value in values.items() if value is not None]
+    data: dict[str, Plain] = {n: float(value) for n, value in values.items() if value is not None}
     if facts.axis_of_cycle is not None:
-        axes = ", ".join(f'"{axis}"' for axis in facts.axis_of_cycle)
-        lines.append(f"axis_of_cycle = [{axes}]")
-    steps = [f"{name} = {value!r}" for name, value in asdict(facts.quantum).items() if value]
-    if steps:
-        lines.append(f"quantum = {{ {', '.join(steps)} }}")
-    return "\n".join(lines) + "\n"
+        data["axis_of_cycle"] = facts.axis_of_cycle
+    if compensated_with:
+        data["compensated_with"] = compensated_with
+    steps = {name: float(value) for name, value in asdict(facts.quantum).items() if value}
+    return toml_text(data | ({"quantum": steps} if steps else {}))
 
 
 def _over(value: float | None, unit: float) -> float | None:

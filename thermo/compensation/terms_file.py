@@ -1,8 +1,8 @@
 """Writing TERMS.toml, so that `fit` takes what another command found."""
 
-import json
 from collections.abc import Sequence
 
+from errormodel.io.toml_write import Plain, toml_text
 from thermo.fitting.fit import TermsFile
 
 
@@ -13,13 +13,11 @@ def terms_toml(terms: TermsFile, sentences: Sequence[str] = ()) -> str:
     ----------
     terms : TermsFile
     sentences : sequence of str
-        What each term is, for a comment beside it.
+        One for each term, for a comment beside it.
     """
     names = terms.terms or ()
-    said = [f"  # {s}" for s in sentences] or [""] * len(names)
-    lines = [f"t_ref_c = {terms.t_ref_c!r}", "terms = ["]
-    lines += [f"    {json.dumps(n)},{s}" for n, s in zip(names, said, strict=True)]
-    lines += ["]"]
+    data: dict[str, Plain] = {"t_ref_c": terms.t_ref_c, "terms": names}
     if terms.start:
-        lines += ["", "[start]", *(f"{k} = {v!r}" for k, v in terms.start.items())]
-    return "\n".join(lines) + "\n"
+        data["start"] = dict(terms.start)
+    said = zip(names, sentences, strict=True) if sentences else ()
+    return toml_text(data, {("terms", name): sentence for name, sentence in said})

@@ -26,7 +26,7 @@ from thermo.safety.heartbeat import notify_service
 from thermo.station.outcome import Observer, RunControl, TestOutcome
 from thermo.station.procedure import run_test, stored_sequence
 from thermo.station.session import no_heartbeat
-from thermo.store.spool import open_spooled_store, patience_s
+from thermo.store.spool.spooled_store import open_spooled_store, patience_s
 from thermo.store.store import Store
 
 __all__ = [

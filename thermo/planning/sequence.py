@@ -4,14 +4,14 @@ A sequence says nothing of instruments: those are in the station file. It is che
 it goes alone; `thermo.planning.plan.make_plan` checks it against a station.
 """
 
-import json
 import logging
 from pathlib import Path
-from typing import Annotated, Literal, Union
+from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, Strict, model_validator
 
 from errormodel.io.toml import check, parse_toml, read_toml
+from errormodel.io.toml_write import toml_text
 from thermo.planning.run_in_rule import RunInRule
 
 log = logging.getLogger(__name__)
@@ -315,22 +315,6 @@ def parse_sequence(text: str, source: str = "sequence") -> Sequence:
     return check(parse_toml(text, source), Sequence, source)
 
 
-Plain = Union[str, bool, int, float, list["Plain"], dict[str, "Plain"]]  # noqa: UP007  recursive
-
-
-def _inline(value: Plain) -> str:
-    if isinstance(value, dict):
-        return "{" + ", ".join(f"{key} = {_inline(item)}" for key, item in value.items()) + "}"
-    if isinstance(value, list):
-        return "[" + ", ".join(_inline(item) for item in value) + "]"
-    if isinstance(value, str):
-        # JSON leaves DEL bare, which TOML forbids; its surrogate pairs TOML forbids as well
-        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    return repr(value)
-
-
 def sequence_toml(sequence: Sequence) -> str:
     """Write a sequence as TOML; `parse_sequence` gives an equal one back.
 
@@ -342,10 +326,4 @@ def sequence_toml(sequence: Sequence) -> str:
     -------
     str
     """
-    data: dict[str, Plain] = sequence.model_dump(mode="json", exclude_none=True)
-    lines = [f"{k} = {_inline(v)}" for k, v in data.items() if not isinstance(v, dict)]
-    for name, table in data.items():
-        if isinstance(table, dict):
-            lines += ["", f"[{name}]"]
-            lines += [f"{k} = {_inline(v)}" for k, v in table.items()]
-    return "\n".join(lines) + "\n"
+    return toml_text(sequence.model_dump(mode="json", exclude_none=True))

@@ -5,6 +5,7 @@ from datetime import datetime
 from pathlib import Path
 
 from errormodel.io.table_write import write_with_sidecar
+from errormodel.io.toml_write import Plain, toml_text
 from thermo.recording.output_scale import OutputScale
 from thermo.recording.runs import PIECE, RecordedRuns
 
@@ -43,28 +44,18 @@ def sidecar_of(
     mount_deg: Mapping[tuple[str, str], float],
 ) -> str:
     """Return what stands in a sidecar; mountings by (run, serial)."""
-    lines = [
-        f"output_unit = {_quoted(scale.output_unit)}",
-        f"gravity_m_s2 = {scale.gravity_m_s2!r}",
-        f"nominal_scale = {scale.nominal_scale!r}",
-    ]
-    for name in ("temp_sigma_c", "temp_gain_ppm"):
-        value = getattr(scale, name)
-        lines += [f"{name} = {value!r}"] if value else []
+    mounted: dict[str, dict[str, float]] = {}
+    for (run, serial), angle in mount_deg.items():
+        mounted.setdefault(run, {})[serial] = angle
+    errors = {n: v for n in ("temp_sigma_c", "temp_gain_ppm") if (v := getattr(scale, n))}
+    data: dict[str, Plain] = {
+        "output_unit": scale.output_unit,
+        "gravity_m_s2": scale.gravity_m_s2,
+        "nominal_scale": scale.nominal_scale,
+        **errors,
+    }
     if run_start_utc:
-        lines += ["", "[run_start_utc]"]
-        lines += [f"{_quoted(r)} = {_quoted(t.isoformat())}" for r, t in run_start_utc.items()]
-    for run in dict.fromkeys(run for run, _ in mount_deg):
-        of_run = {s: angle for (r, s), angle in mount_deg.items() if r == run}
-        lines += ["", f"[mount_deg.{_quoted(run)}]"]
-        lines += [f"{_quoted(serial)} = {angle!r}" for serial, angle in of_run.items()]
-    return "\n".join(lines) + "\n"
-
-
-def _quoted(text: str) -> str:
-    escaped = text.replace("\\", "\\\\").replace('"', '\\"')
-    return (
-        '"'
-        + "".join(f"\\u{ord(c):04x}" if ord(c) < 32 or ord(c) == 127 else c for c in escaped)
-        + '"'
-    )
+        data["run_start_utc"] = {run: t.isoformat() for run, t in run_start_utc.items()}
+    if mounted:
+        data["mount_deg"] = mounted
+    return toml_text(data)

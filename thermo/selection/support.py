@@ -6,6 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from errormodel.arrays import FloatArray, sealed
+from errormodel.record import Record
+from errormodel.statistics.outliers import smallest_step
 from errormodel.statistics.robust import robust_sigma
 from thermo.recording.channel import RATE_WINDOW_S, Channel
 from thermo.recording.labels import BoolArray
@@ -18,6 +20,7 @@ LEAST_GAP_C = 1.0
 # Readings whose temperatures differ by no more than the thermistor's noise have one temperature.
 NOISE_SPAN = 12.0  # of its sigma: the range of a soak of an hour
 SOAK_C = 0.02
+NEIGHBOURS = (-2, -1, 1, 2)
 FORCE_MARGIN_G = 0.1  # a polynomial of the input is as good a little beyond the positions
 
 
@@ -73,15 +76,39 @@ def within(values: FloatArray, parts: tuple[tuple[float, float], ...]) -> BoolAr
 
 
 def thermistor_noise_c(channel: Channel) -> float:
-    """Return the noise of a single temperature, 1 sigma, by its scatter about a local line, °C."""
+    """Return the noise of a single temperature, 1 sigma, °C.
+
+    The scatter about a line over two minutes, or about a cubic through the neighbours where the
+    temperature bends too much for a line (an approach to a soak, read once a minute); what the
+    digits round off, at least.
+    """
     record = channel.record
-    off = record["x_c"] - record["x_slow_c"]
     steps = np.diff(record.time_s)[np.diff(record.run) == 0]
     if steps.size < 10:
         return 0.0
     step = float(np.median(steps))
     count = 1 + 2 * int(max(RATE_WINDOW_S / 2, 2.5 * step) / step)
-    return robust_sigma(off) / float(np.sqrt(1.0 - 1.0 / count))
+    about_line = robust_sigma(record["x_c"] - record["x_slow_c"]) / np.sqrt(1.0 - 1.0 / count)
+    rounded = smallest_step(channel.temp_c) / np.sqrt(12.0)
+    return float(min(about_line, max(_about_cubics(record), rounded)))
+
+
+def _about_cubics(record: Record) -> float:
+    """Return the sigma of temperatures about cubics through two readings on either side, °C."""
+    here = np.flatnonzero(record.run[4:] == record.run[:-4]) + 2
+    if not here.size:
+        return np.inf
+    time_s, x = record.time_s, record["x_c"]
+    off, variance = x[here].copy(), np.ones(here.size)
+    for mine in NEIGHBOURS:
+        weight = np.ones(here.size)
+        for other in NEIGHBOURS:
+            if other != mine:  # Lagrange's interpolation
+                weight *= time_s[here] - time_s[here + other]
+                weight /= time_s[here + mine] - time_s[here + other]
+        off -= weight * x[here + mine]
+        variance += weight**2
+    return robust_sigma(off / np.sqrt(variance))
 
 
 def settled(channel: Channel) -> FloatArray:

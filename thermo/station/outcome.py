@@ -117,7 +117,7 @@ class Observer(Protocol):
     """Somebody who watches a test; what goes wrong in it never stops the test.
 
     It is called in the test's own thread and returns at once: what may take its time, or wait for
-    anybody, is wrapped in a `thermo.station.detached.DetachedObserver`.
+    anybody, is wrapped in a `thermo.station.observers.detached.DetachedObserver`.
     """
 
     def on_reading(self, run: int, rows: Sequence[ReadingRow]) -> None:

@@ -13,7 +13,7 @@ from thermo.recording.output_scale import OutputScale, OutputUnit
 from thermo.recording.readings_check import flag_readings
 from thermo.recording.summary import RecordingSummary
 from thermo.store.database import parse_url
-from thermo.store.recover import copies, recover
+from thermo.store.spool.recover import copies, recover
 from thermo.store.store import Store, export_test, open_store
 from thermo.store.stream import export_in_pieces
 
@@ -40,7 +40,7 @@ class _Group:
 def open_existing_store(url: str | Path) -> Store:
     """Open a store to read from it; one that is not there is not made.
 
-    What earlier tests left in a spool flows in first (`thermo.store.recover`).
+    What earlier tests left in a spool flows in first (`thermo.store.spool.recover`).
 
     Raises
     ------

@@ -2,7 +2,8 @@
 
 A reading is acknowledged when `Store.append` returns: it is then on the disk, in a table to which
 rows are only added. SQLite and PostgreSQL behave alike; see docs/decisions/0003-store.md. A running
-test writes through `thermo.store.spool`, which never waits for a store that does not answer.
+test writes through `thermo.store.spool.spooled_store`, which never waits for a store that does not
+answer.
 """
 
 import logging

@@ -26,7 +26,7 @@ from thermo.fitting.findings import find_loop
 from thermo.planning.default_station import default_station
 from thermo.planning.plan import make_plan
 from thermo.planning.sequence import Sequence
-from thermo.station.live import LiveEstimate
+from thermo.station.observers.live import LiveEstimate
 from thermo.station.outcome import Observer
 from thermo.twin.planted import plantable
 

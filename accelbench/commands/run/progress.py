@@ -15,8 +15,8 @@ from accelbench.shell.surroundings import Shell, current_shell
 from accelbench.shell.tables import copied
 from accelbench.shell.terminal import Channel, Terminal
 from thermo.planning.text import duration_text
-from thermo.station.detached import DetachedObserver
-from thermo.station.live import T_REF_C, LiveEstimate
+from thermo.station.observers.detached import DetachedObserver
+from thermo.station.observers.live import T_REF_C, LiveEstimate
 from thermo.station.outcome import Event, Observer
 from thermo.station.outcome import Progress as TestProgress
 from thermo.store.records import ReadingRow

@@ -19,7 +19,7 @@ from thermo.launch.emulated import emulated
 from thermo.launch.real import load_station
 from thermo.safety.guardian_results import pending_results
 from thermo.store.files import export_paths, export_recorded, open_existing_store
-from thermo.store.recover import warnings
+from thermo.store.spool.recover import warnings
 
 
 def runs(store: str, as_json: bool) -> None:

@@ -9,7 +9,7 @@ from rich.console import RenderableType
 from accelbench.commands.run.ramps import ramp_lines
 from accelbench.commands.run_in.text import run_in_document, run_in_text
 from thermo.run_in.verdict import RunInVerdict
-from thermo.station.live import T_REF_C, LiveEstimate
+from thermo.station.observers.live import T_REF_C, LiveEstimate
 from thermo.station.outcome import TestOutcome
 from thermo.station.uniformity import RampVerdict
 

@@ -28,7 +28,7 @@ from thermo.planning.sequence import Sequence as TestSequence
 from thermo.planning.sequence import load_sequence, parse_sequence
 from thermo.planning.text import mounting_lines
 from thermo.run_in.verdict import RunInVerdict
-from thermo.station.live import LiveEstimate
+from thermo.station.observers.live import LiveEstimate
 from thermo.station.outcome import Observer, TestOutcome
 from thermo.station.run_in import judge_stored
 from thermo.station.uniformity import RampVerdict, judge_test

@@ -12,7 +12,7 @@ import pytest
 
 from accelbench.shell.terminal import Terminal
 from tests.accelbench.commands.run.display_process import PATIENCE_S, screen
-from thermo.station.detached import MOST
+from thermo.station.observers.detached import MOST
 
 
 @contextmanager

@@ -182,3 +182,11 @@ def test_a_sequence_is_immutable() -> None:
     with pytest.raises(ValueError, match="frozen"):
         sequence.name = "other"  # pyright: ignore[reportAttributeAccessIssue]
     assert np.isclose(sequence.sampling.period_s, 15.0)
+
+
+def test_a_programme_of_a_thousand_segments_survives_being_stored() -> None:
+    base = parse_sequence(SHORT)
+    segments = (Cycle(kind="cycle", low_c=-40, high_c=70, rate_c_per_min=2),) * 1000
+    programme = base.temperature.model_copy(update={"segments": segments})
+    sequence = base.model_copy(update={"temperature": programme})
+    assert parse_sequence(sequence_toml(sequence)) == sequence

@@ -1,6 +1,6 @@
 """Recordings of a simulation of its own, and ways in which such recordings are spoiled."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import pandas as pd
@@ -20,11 +20,15 @@ def clean(
     step_ug: float = 0.0,
     settling_ug: float = 0.0,
     lag_s: float = 0.0,
+    offsets_ug: Sequence[float] = (0.0, 0.0),
 ) -> pd.DataFrame:
-    """Simulate two runs 25 → −40 → 70 → 25 °C at 1 °C/min, eight positions of a minute."""
+    """Simulate runs 25 → −40 → 70 → 25 °C at 1 °C/min, eight positions of a minute.
+
+    There are as many runs as offsets of K0.
+    """
     rng = np.random.default_rng(seed)
     frames = []
-    for run in ("1", "2"):
+    for run, offset_ug in enumerate(offsets_ug, 1):
         time_s = np.arange(0.0, 13_200.0, period_s)
         temp_c = np.interp(time_s, [0, 3900, 10_500, 13_200], [25, -40, 70, 25])
         inner_c = np.interp(time_s - lag_s, time_s, temp_c)
@@ -36,14 +40,14 @@ def clean(
         turn_c = np.where(heating, -40.0, np.where(time_s < 5000, 25.0, 70.0))
         side = np.where(heating, 1.0, -1.0) * (1 - np.exp(-np.abs(temp_c - turn_c) / loop_c))
         error_ug = -430 + 11 * x + 0.05 * x**2 + 20 * a_i**2 - 15 * a_i**3 + 300 * a_p
-        error_ug += loop_ug * side + step_ug * (time_s > 8000)
+        error_ug += loop_ug * side + step_ug * (time_s > 8000) + offset_ug
         error_ug += settling_ug * np.exp(-since_s / 20.0)
         error_ug += noise_ug * rng.standard_normal(len(time_s))
         k1 = 1.302 * (1 + 80e-6 * x + 0.2e-6 * x**2)
         frames.append(
             pd.DataFrame(
                 {
-                    "run": run,
+                    "run": str(run),
                     "serial": "A",
                     "time_s": time_s,
                     "temp_c": np.round(temp_c + 0.005 * rng.standard_normal(len(time_s)), 3),
@@ -80,7 +84,7 @@ def _set(column: str, change: Callable[[np.ndarray], np.ndarray | float], length
 def _flat(column: str):
     def spoil(frame: pd.DataFrame, rng: np.random.Generator) -> pd.DataFrame:
         length = len(frame) // 100
-        first = int(rng.integers(50, len(frame) // 2 - length - 50))  # within a run
+        first = int(rng.integers(50, int((frame["run"] == "1").sum()) - length - 50))
         values = frame[column].to_numpy(copy=True)
         values[first : first + length] = values[first]
         return frame.assign(**{column: values})

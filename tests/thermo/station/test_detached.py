@@ -10,8 +10,8 @@ from thermo.launch.emulated import run_emulated
 from thermo.planning.default_station import default_station
 from thermo.planning.plan import make_plan
 from thermo.planning.sequence import load_sequence
-from thermo.station.detached import MOST, DetachedObserver, Worker
-from thermo.station.live import LiveEstimate
+from thermo.station.observers.detached import MOST, DetachedObserver, Worker
+from thermo.station.observers.live import LiveEstimate
 from thermo.station.outcome import Event, Observers, Progress
 from thermo.store.records import ReadingRow
 from thermo.store.store import open_store

@@ -5,7 +5,7 @@ import numpy as np
 from errormodel.record import Record
 from tests.thermo.examples import NOMINAL, TRUTH, simulate_run
 from thermo.planning.foresight import ASSUMED_NOISE
-from thermo.station.live import (
+from thermo.station.observers.live import (
     PRIOR,
     PRIOR_SIGMA,
     LiveEstimate,

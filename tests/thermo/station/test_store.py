@@ -14,7 +14,7 @@ from thermo.station import procedure as station_module
 from thermo.station.procedure import run_test
 from thermo.store import bypass as store_bypass
 from thermo.store.files import open_existing_store
-from thermo.store.spool import open_spooled_store
+from thermo.store.spool.spooled_store import open_spooled_store
 from thermo.store.store import open_store
 
 PATIENCE_S = 0.3

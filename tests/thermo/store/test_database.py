@@ -8,7 +8,7 @@ import pytest
 from errormodel.errors import StoreError
 from thermo.store.database import one_line, parse_url, session_engine, shown
 from thermo.store.files import open_existing_store
-from thermo.store.log import digest
+from thermo.store.spool.log import digest
 from thermo.store.store import NewTest, open_store
 
 SECRET = "hush77"

@@ -22,10 +22,10 @@ from thermo.store import queries
 from thermo.store import spool as store_spool
 from thermo.store.database import StoreAwayError
 from thermo.store.files import open_existing_store
-from thermo.store.log import Operation, SpoolFile, replay, spool_path
 from thermo.store.records import reading_values
-from thermo.store.recover import recover, spools
-from thermo.store.spool import SpooledStore, open_spooled_store, patience_s
+from thermo.store.spool.log import Operation, SpoolFile, replay, spool_path
+from thermo.store.spool.recover import recover, spools
+from thermo.store.spool.spooled_store import SpooledStore, open_spooled_store, patience_s
 from thermo.store.store import EventRecord, NewTest, ReadingRow, Store, open_store
 
 NEW = NewTest("night", 'name = "night"\n', "{}")

@@ -12,7 +12,7 @@ import pytest
 from tests.thermo.store.nursery import begin_test, nursery
 from tests.thermo.store.outages import away
 from thermo.store.files import open_existing_store
-from thermo.store.recover import spools
+from thermo.store.spool.recover import spools
 
 WRITER = """
 import logging, random, time

@@ -8,10 +8,10 @@ import pytest
 from accelbench.commands.run.text import Afterwards, run_document, run_text
 from drivers.devices import SafeResult
 from tests.thermo.store.test_database import SECRET, URLS
-from thermo.station.live import LiveEstimate
+from thermo.station.observers.live import LiveEstimate
 from thermo.station.outcome import TestOutcome
 from thermo.store.database import parse_url, shown
-from thermo.store.recover import warnings
+from thermo.store.spool.recover import warnings
 from thermo.store.store import NewTest, open_store
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from errormodel.errors import StoreError
 from thermo.store.database import StoreAwayError, parse_url
-from thermo.store.log import SUFFIX, SpoolFile, default_folder, digest, replay
+from thermo.store.spool.log import SUFFIX, SpoolFile, default_folder, digest, replay
 from thermo.store.sqlite import holds_test
 from thermo.store.store import Store
 
@@ -112,7 +112,7 @@ def warnings(url: str | Path, folder: Path | None = None) -> tuple[str, ...]:
     ----------
     url : str or path
     folder : Path, optional
-        Of the spools; `thermo.store.log.default_folder` if not given.
+        Of the spools; `thermo.store.spool.log.default_folder` if not given.
     """
     parsed = parse_url(url)
     lines: list[str] = []

@@ -1,6 +1,6 @@
 """The store of a running test: never waited for longer than a moment, and nothing lost by that.
 
-How: `thermo.store.bypass`.
+How: `thermo.store.spool.bypass`.
 """
 
 import logging
@@ -14,9 +14,7 @@ import pandas as pd
 from drivers.clock import Clock
 from errormodel.errors import StoreError
 from thermo.planning.silence import READ_PATIENCE_S
-from thermo.store.bypass import BypassedStore, result_of
 from thermo.store.database import open_engine, parse_url, shown
-from thermo.store.log import Operation, default_folder, prove_writable
 from thermo.store.records import (
     EventRecord,
     NewTest,
@@ -27,9 +25,11 @@ from thermo.store.records import (
     number_or_null,
     reading_values,
 )
-from thermo.store.recover import recover
+from thermo.store.spool.bypass import BypassedStore, result_of
+from thermo.store.spool.log import Operation, default_folder, prove_writable
+from thermo.store.spool.recover import recover
+from thermo.store.spool.worker import Worker
 from thermo.store.store import HeldClaim
-from thermo.store.worker import Worker
 
 log = logging.getLogger(__name__)
 
@@ -65,7 +65,8 @@ def open_spooled_store(
     ----------
     url : str or path
     spool_folder : Path, optional
-        Where the spool goes when one is needed; `thermo.store.log.default_folder` if not given.
+        Where the spool goes when one is needed; `thermo.store.spool.log.default_folder` if not
+        given.
     patience_s : float
         Real seconds for which a write may keep the caller waiting.
 

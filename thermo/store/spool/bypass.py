@@ -2,8 +2,9 @@
 
 A worker thread owns the real store. Each operation is handed to it; when it does not come back in
 time, or the store cannot write, the operation and all that follow go into a log on this machine
-(`thermo.store.log`), in their order, and are acknowledged from there. The worker does them when the
-store answers again. What was given up half-way is done a second time and makes no difference.
+(`thermo.store.spool.log`), in their order, and are acknowledged from there. The worker does them
+when the store answers again. What was given up half-way is done a second time and makes no
+difference.
 See docs/decisions/0010-spool.md.
 """
 
@@ -27,10 +28,10 @@ from errormodel.errors import StoreError
 from thermo.planning.silence import READ_PATIENCE_S
 from thermo.store.claims import FileClaim
 from thermo.store.database import StoreAwayError, open_engine
-from thermo.store.log import Operation, SpoolFile, apply, replay, spool_path
+from thermo.store.spool.log import Operation, SpoolFile, apply, replay, spool_path
+from thermo.store.spool.worker import Worker
 from thermo.store.sqlite import Identity, checkpoint, copy_open_file, identity
 from thermo.store.store import Store
-from thermo.store.worker import Worker
 
 log = logging.getLogger(__name__)
 
@@ -58,8 +59,8 @@ def result_of(future: "Future[Value]", patience_s: float, where: str) -> Value:
 class BypassedStore(Store):
     """A store with a worker that owns it and a spool that stands in for it.
 
-    `do_write` and `ask` are what `thermo.store.spool.SpooledStore` makes the methods of a store
-    from.
+    `thermo.store.spool.spooled_store.SpooledStore` makes the methods of a store from `do_write` and
+    `ask`.
     """
 
     def __init__(
