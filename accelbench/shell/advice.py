@@ -53,11 +53,11 @@ def _of_sidecar(text: str, *, for_rig: bool) -> str:
 
 def _of_table(text: str) -> str:
     """Tell what a spreadsheet or another program writes by its separators and its times."""
-    first, *rest = text.splitlines() or [""]
+    first, *rest = text.splitlines() or ["-"]
     if "," not in first and any(mark in first for mark in SPREADSHEET):
         return f"{IMPORT} (file.delimiter, file.decimal)"
-    names = next(csv.reader([first]), [])
-    cells = next(csv.reader(rest[:1]), [])
+    names, *below = [*csv.reader([first, *rest[:1]])]
+    cells = below[0] if below else []
     if "time_s" in names and len(cells) == len(names):
         try:
             float(cells[names.index("time_s")])

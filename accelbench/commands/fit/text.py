@@ -4,7 +4,6 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from rich.console import RenderableType
-from rich.table import Table
 
 from accelbench.commands.fit.doubts import (
     UNITS,
@@ -13,6 +12,7 @@ from accelbench.commands.fit.doubts import (
     run_to_run_sentence,
 )
 from accelbench.shell.console import micro_g, number, table, value_and_sigma
+from accelbench.shell.tables import TextTable
 from thermo.compensation.model_file import ModelFile, inside_of, reported, run_to_run_of
 from thermo.fitting.findings import LoopFinding, find_loop, find_order
 from thermo.fitting.fit import AccelerometerFit
@@ -272,7 +272,7 @@ def _both_units(one: AccelerometerFit, value_ug: float) -> str:
     return text
 
 
-def _coefficients(fits: Sequence[AccelerometerFit]) -> Table:
+def _coefficients(fits: Sequence[AccelerometerFit]) -> TextTable:
     """Return a table of coefficients: value ± sigma, an accelerometer a column."""
     serials = [f.serial for f in fits]
     made = table("coefficient", "unit", *serials, right=serials, keys=2)

@@ -18,7 +18,7 @@ from accelbench.shell.outputs import (
 from accelbench.shell.progress import working
 from accelbench.shell.surroundings import show_warnings_at_once
 from errormodel.errors import InputError
-from sinscal.calibration.hold_out import EACH, LAST, NONE, Held
+from sinscal.calibration.hold_out import Held
 from sinscal.frames.earth import ARCSEC, DEG_PER_H
 from sinscal.judgement.judge import Judged, Options, calibrate_and_judge, judge_navigation
 from sinscal.judgement.result_content import run_digest
@@ -33,17 +33,6 @@ from sinscal.recording.run import NavRun, RigRun
 
 FAILED = 1
 NAVIGATION = "navigation"
-
-
-def _held(ctx: click.Context, param: click.Parameter, value: str) -> Held:
-    """Return which cycle to hold out, as a word or the cycle's number."""
-    for word in (LAST, EACH, NONE):
-        if value == word:
-            return word
-    if not value.isdecimal():
-        said = f"{value!r}: expected a cycle's number, last, each or none"
-        raise click.BadParameter(said, ctx, param)
-    return int(value)
 
 
 def calibrate(

@@ -96,7 +96,7 @@ def simulate(
         write_files([(truth, content.encode())])
     text = (
         f"{out}: {document['cycles']} cycles, {document['rows']} rows of {len(made.values)} "
-        f"errors at {file.recording.rate_hz:g} Hz, seed {seed}"
+        f"errors at {file.recording.rate_hz:g} Hz, seed {seed}, {out.stat().st_size / 1e6:.3g} MB"
     )
     emit(document, [text, *([f"errors: {truth}"] if truth else [])], as_json=as_json)
 
