@@ -31,10 +31,7 @@ from thermo.recording.foreign import import_log
 from thermo.recording.summary import summary_of
 from thermo.recording.units_check import unit_complaints
 
-BEFORE = (
-    "error before: by the nominal scale factor alone; the raw residual of fit has bias and scale "
-    "factor of its own already, and is smaller"
-)
+BEFORE = "error before: with a constant bias and scale factor only, as the raw residual of fit"
 MOVED_UG = 1e5  # a tenth of a g: no accelerometer at one input leaves so much
 MOVED = (
     "no position is recorded, and yet the output moves as if the input had: this is no model of "
