@@ -159,10 +159,11 @@ def run_in_text(verdicts: Sequence[RunInVerdict]) -> Iterator[RenderableType]:
         for v in verdicts
         if v.coefficients[0].before is not None
     )
-    yield (
-        "instability: 1 σ between runs, its 95 % limits in brackets, or < their upper one where "
-        f"the runs do not show any; {ends}"
-    )
+    if ends:
+        yield (
+            "instability: 1 σ between runs, its 95 % limits in brackets, or < their upper one "
+            f"where the runs do not show any; {ends}"
+        )
     nominal = ", ".join(v.serial for v in verdicts if not v.scale_fitted)
     if nominal:
         yield f"{nominal}: cycles give no K1; K0 in µg is over the nominal scale factor"
