@@ -67,12 +67,15 @@ def check(data: Any, config: type[Config], source: Path | str) -> Config:
     try:
         return config.model_validate(data)
     except ValidationError as err:
-        found = err.errors(include_url=False)
-        # a misspelt key is also missing under its right name: the misspelling is what to mend
-        first = next((e for e in found if e["type"] == "extra_forbidden"), found[0])
+        first, *others = err.errors(include_url=False)
+        # a misspelt key is missing under its right name: the misspelling is what to mend
+        strange = [".".join(map(str, e["loc"])) for e in others if e["type"] == "extra_forbidden"]
+        more = [f"no such key: {', '.join(strange)}"] if strange else []
+        if left := len(others) - len(strange):
+            more.append(f"{left} more like it")
         place = ".".join(str(part) for part in first["loc"])
-        more = f"; {err.error_count() - 1} more like it" if err.error_count() > 1 else ""
-        raise InputError(source, place, f"{_problem(first, config)}{more}") from None
+        problem = "; ".join((_problem(first, config), *more))
+        raise InputError(source, place, problem) from None
     except RecursionError:
         raise InputError(source, "", "nested too deeply") from None
 
