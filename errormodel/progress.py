@@ -1,6 +1,6 @@
 """How far a long computation is, for whoever wants to show it.
 
-Loops that take long go through `followed`. Where nobody listens that is the loop alone. Loops
+Loops that take long go through `track`. Where nobody listens that is the loop alone. Loops
 within a loop count as parts of its present step, so that one share tells how far all of it is.
 """
 
@@ -41,7 +41,7 @@ def listening(tell: Callable[[float], None]) -> Generator[None]:
         _listener.reset(token)
 
 
-def followed(items: Sequence[T]) -> Iterator[T]:
+def track(items: Sequence[T]) -> Iterator[T]:
     """Yield the items, and tell before each how much is done; they are taken to last alike."""
     mine = _listener.get()
     if mine is None or not items:
@@ -60,7 +60,7 @@ def followed(items: Sequence[T]) -> Iterator[T]:
 
 
 @contextmanager
-def part(begin: float, end: float) -> Generator[None]:
+def stage(begin: float, end: float) -> Generator[None]:
     """Do within the block what lies between two shares of the present step."""
     mine = _listener.get()
     if mine is None:

@@ -156,7 +156,8 @@ def flight(
     Result
         One row a moment, with the position error.
     """
-    from accelbench.commands.rig_flight.text import GivenCalibration, flight_document, fly
+    from accelbench.commands.rig_flight.given import GivenCalibration
+    from accelbench.commands.rig_flight.text import flight_document, fly
     from sinscal.flight.covariance import FlightNoise
     from sinscal.flight.trajectory import FlightPlan
     from sinscal.model.residual_errors import Calibration

@@ -38,11 +38,11 @@ class ReportTable:
     note: str = ""
 
 
-State = Literal["good", "bad", "open", ""]
+BannerState = Literal["good", "bad", "open", ""]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Verdict:
+class Banner:
     """What a report says first, in a box.
 
     Attributes
@@ -53,7 +53,7 @@ class Verdict:
     """
 
     text: str
-    state: State = ""
+    state: BannerState = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -105,7 +105,7 @@ class Page:
     title : str
         With the serial numbers it is about: browsers and printers put it on every page.
     sections : tuple of Section
-    verdicts : tuple of Verdict
+    verdicts : tuple of Banner
         What comes first.
     about : str
         Beside the date: the model, the runs.
@@ -115,7 +115,7 @@ class Page:
 
     title: str
     sections: tuple[Section, ...]
-    verdicts: tuple[Verdict, ...] = ()
+    verdicts: tuple[Banner, ...] = ()
     about: str = ""
     made_by: str = ""
 

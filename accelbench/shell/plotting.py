@@ -131,7 +131,9 @@ def legend_below(
     )
 
 
-def draw_correlations(names: Sequence[str], matrix: FloatArray, name: str, title: str) -> Picture:
+def draw_correlation_matrix(
+    names: Sequence[str], matrix: FloatArray, name: str, title: str
+) -> Picture:
     """Draw the correlations of the parameters that correlate with another one at all.
 
     Parameters

@@ -10,7 +10,6 @@ from rich.text import Text
 GAP = 2  # cells between two columns
 WORDS_WIDTH = 20  # a column of words is not made narrower than this
 MINUS = re.compile("−(?=[0-9.])")
-Row = tuple[str, ...]
 
 
 def copied(text: str) -> str:
@@ -48,7 +47,7 @@ class TextTable:
         self._right = [name in right for name in columns]
         self._words = [name in words for name in columns]
         self._keys = min(keys, len(self._columns))
-        self._rows: list[Row] = []
+        self._rows: list[tuple[str, ...]] = []
 
     def add_row(self, *cells: str) -> None:
         """Add a row, a cell for each column."""

@@ -6,7 +6,7 @@ Each change is tried on the same filter: its sigmas say what the programme as it
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from errormodel.progress import followed, part
+from errormodel.progress import stage, track
 from sinscal.calibration.rig import Mode
 from sinscal.filter.data import RigNoise
 from sinscal.frames.earth import ARCMIN
@@ -74,11 +74,11 @@ def analyse_programme(
     sensors = sensors_with(wanted, file, angle=angle)
     prior, noise = make_prior(sensors, priors), file.noise.filtered
     azimuth, warming = file.azimuth_sigma_rad, file.warming
-    with part(0.0, 0.5):
+    with stage(0.0, 0.5):
         found = rig_covariance(
             file, sensors, prior, noise, angle=angle, azimuth_sigma_rad=azimuth, warming=warming
         )
-    with part(0.5, 1.0):
+    with stage(0.5, 1.0):
         advice = plan_advice(
             found,
             file,
@@ -105,9 +105,7 @@ def plan_advice(
 ) -> tuple[Advice, ...]:
     """Return the changes that are worth it; parameters as of `rig_covariance`, `found` by it."""
     out: list[Advice] = []
-    for change, changed, azimuth in followed(
-        tuple(_changes(programme, sensors, azimuth_sigma_rad))
-    ):
+    for change, changed, azimuth in track(tuple(_changes(programme, sensors, azimuth_sigma_rad))):
         better = rig_covariance(
             changed, sensors, prior, noise, angle=angle, azimuth_sigma_rad=azimuth, warming=warming
         )

@@ -14,7 +14,7 @@ import numpy as np
 
 from errormodel.errors import InputError
 from errormodel.noise.allan import AllanDeviation, allan_deviation
-from errormodel.progress import followed, part
+from errormodel.progress import stage, track
 from errormodel.statistics.scatter import holm
 from errormodel.statistics.variance import VarianceFit
 from thermo.fitting.fit import TermsFile, fit_runs
@@ -197,12 +197,12 @@ def judge_stability(
     order, by_time = _order(usable)
     spans_s = _spans_s(usable)
     between = intervals(order, asked.between, usable.run_start_utc, spans_s)
-    with part(0.0, 0.4):
+    with stage(0.0, 0.4):
         fits = fit_runs(usable, terms=wanted, at_one_temperature=True)
-    with part(0.4, 0.8):
+    with stage(0.4, 0.8):
         batch = tuple(
             fit_run_by_run(one, [r for r in order if r in one.channel.run_ids])
-            for one in followed(fits)
+            for one in track(fits)
         )
     events = common_events(batch)
     own = tuple(without_common(one, events) for one in batch)

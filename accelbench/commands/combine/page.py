@@ -7,7 +7,7 @@ from accelbench.commands.combine.text import ALL_COLUMNS, chamber_lines, combine
 from accelbench.commands.rig_calibrate.page import calibration_sections, verdict_boxes
 from accelbench.joint.result_file import CombinedResult
 from accelbench.shell.outputs import REPORT_NAME
-from accelbench.shell.page import Page, ReportTable, Section, Verdict, render_page
+from accelbench.shell.page import Banner, Page, ReportTable, Section, render_page
 from sinscal.combination.combine import Combination
 from sinscal.judgement.judge import Judged
 from sinscal.model.chamber import ChamberModel
@@ -35,13 +35,13 @@ def render_combined(
     agrees = not result.contradictions and result.converged
     page = Page(
         verdicts=(
-            Verdict(
+            Banner(
                 text="; ".join(result.contradictions)
                 or ("rig and chamber agree" if agrees else "not converged"),
                 state="good" if agrees else "bad",
             ),
             *verdict_boxes(result),
-            Verdict(text=worth),
+            Banner(text=worth),
         ),
         title=f"Rig and chamber combined, {result.mode}, of {mounted}, {result.run.source}",
         sections=(first, *calibration_sections(judged, run, result, table)),

@@ -11,10 +11,10 @@ from accelbench.shell.console import micro_g, number, value_and_sigma
 from accelbench.shell.outputs import REPORT_NAME
 from accelbench.shell.page import (
     SOURCE_COLUMNS,
+    Banner,
     Page,
     ReportTable,
     Section,
-    Verdict,
     render_page,
     source_rows,
 )
@@ -115,18 +115,18 @@ def render_report(
     return render_page(page, REPORT_NAME)
 
 
-def verdicts(fits: Sequence[AccelerometerFit]) -> Iterator[Verdict]:
+def verdicts(fits: Sequence[AccelerometerFit]) -> Iterator[Banner]:
     """Yield what there is to say first: a box for each finding, one for all without any."""
     sound: list[str] = []
     for one in fits:
         found = list(findings(one))
         if found:
             state = "bad" if one.worse_than_none else "open"
-            yield Verdict(text=f"{one.serial}: {'; '.join(found)}", state=state)
+            yield Banner(text=f"{one.serial}: {'; '.join(found)}", state=state)
         else:
             sound.append(one.serial)
     if sound:
-        yield Verdict(
+        yield Banner(
             text=f"{', '.join(sound)}: nothing stands out in what the model leaves", state="good"
         )
 

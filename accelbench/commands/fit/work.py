@@ -70,7 +70,7 @@ def fit(
     fits = _fit(record, given, wanted)
     model = make_model_file(fits)
     worse = [f"{f.serial}: {WORSE}" for f in fits if f.worse_than_none]
-    worse += [f"{f.serial}: {MOVED}" for f in fits if moved(f)]
+    worse += [f"{f.serial}: {MOVED}" for f in fits if _input_moved(f)]
     results = Results(fit_document(fits, model), [*fit_text(fits, model), *worse, *doubts])
     add_reading_counts(results.document, record, doubts)
     results.add_file("model file", out, lambda: dump_model(model))
@@ -79,7 +79,7 @@ def fit(
     return 1 if doubts or worse else 0
 
 
-def moved(one: AccelerometerFit) -> bool:
+def _input_moved(one: AccelerometerFit) -> bool:
     """Return whether an input that is not recorded cannot have been constant."""
     return not one.channel.has_input and one.summary.rms_ug > MOVED_UG
 

@@ -10,13 +10,13 @@ from accelbench.shell.plotting import (
     MARKERS,
     STYLES,
     Picture,
+    draw_correlation_matrix,
     dress,
     legend_below,
     new_figure,
     picture,
     thinned,
 )
-from accelbench.shell.plotting import draw_correlations as draw_matrix
 from errormodel.arrays import FloatArray
 from sinscal.calibration.rig import RigCalibration
 from sinscal.filter.integrate import attitudes
@@ -193,7 +193,7 @@ def draw_correlations(judged: Judged) -> Picture:
     free = np.flatnonzero(sigma > 0)
     names = [found.names[int(i)] for i in free]
     matrix = found.cov[np.ix_(free, free)] / np.outer(sigma[free], sigma[free])
-    return draw_matrix(names, matrix, "correlations.png", "")
+    return draw_correlation_matrix(names, matrix, "correlations.png", "")
 
 
 def draw_motion(judged: Judged, run: RigRun | NavRun) -> Picture:

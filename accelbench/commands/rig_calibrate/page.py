@@ -13,7 +13,7 @@ from accelbench.commands.rig_calibrate.text import (
 )
 from accelbench.shell.console import number
 from accelbench.shell.outputs import REPORT_NAME
-from accelbench.shell.page import Page, ReportTable, Section, Verdict, render_page
+from accelbench.shell.page import Banner, Page, ReportTable, Section, render_page
 from sinscal.judgement.judge import Judged
 from sinscal.judgement.result_file import ResultContent
 from sinscal.recording.run import NavRun, RigRun
@@ -50,13 +50,13 @@ def render_calibration(
     return render_page(page, REPORT_NAME)
 
 
-def verdict_boxes(result: ResultContent) -> tuple[Verdict, ...]:
+def verdict_boxes(result: ResultContent) -> tuple[Banner, ...]:
     """Return whether the calibration can be trusted, and what was not tested."""
     text, left = verdict(result), not_made(result)
     if not text.startswith(PASSED):
-        return (Verdict(text=text, state="bad"),)
-    passed = Verdict(text=PASSED, state="good")
-    return (passed, Verdict(text=left, state="open")) if left else (passed,)
+        return (Banner(text=text, state="bad"),)
+    passed = Banner(text=PASSED, state="good")
+    return (passed, Banner(text=left, state="open")) if left else (passed,)
 
 
 def calibration_sections(

@@ -5,14 +5,13 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from accelbench.commands.rig_flight.figures import draw_flight
+from accelbench.commands.rig_flight.given import COARSE, PRECISE
 from accelbench.commands.rig_flight.text import (
-    COARSE,
-    PRECISE,
     RHO,
     SHOWN_SHARE,
     FlownCalibration,
     bought_lines,
-    distance,
+    distance_text,
     group_title,
     held_text,
     noise_text,
@@ -20,7 +19,7 @@ from accelbench.commands.rig_flight.text import (
 )
 from accelbench.shell.console import number
 from accelbench.shell.outputs import REPORT_NAME
-from accelbench.shell.page import Page, ReportTable, Section, Verdict, render_page
+from accelbench.shell.page import Banner, Page, ReportTable, Section, render_page
 from sinscal.article.published import COARSE_M, PRECISE_M
 from sinscal.flight.covariance import FlightNoise
 from sinscal.flight.trajectory import FlightPlan
@@ -79,12 +78,12 @@ def render_flight(
         Section(title="Conventions", points=(*CONVENTIONS, *(OF_ARTICLE if article else ()))),
     )
     names = ", ".join(one.name for one in flown)
-    bought = tuple(Verdict(text=line) for line in bought_lines(flown))
-    ends = "; ".join(f"{one.name} {distance(one.found.rho_end_m)}" for one in flown)
+    bought = tuple(Banner(text=line) for line in bought_lines(flown))
+    ends = "; ".join(f"{one.name} {distance_text(one.found.rho_end_m)}" for one in flown)
     hours = f"position error after {plan.duration_s / 3600.0:g} h (1 σ): {ends}"
     page = Page(
         title=f"Flight after calibration: {names:.100}",
-        verdicts=bought or (Verdict(text=hours),),
+        verdicts=bought or (Banner(text=hours),),
         sections=sections,
     )
     return render_page(page, REPORT_NAME)

@@ -1,19 +1,16 @@
-"""Flights told: calibrations read, the JSON of `rig flight`, and the same in words."""
+"""Flights told: as the JSON of `rig flight`, and in words."""
 
-import json
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
-import numpy as np
 from rich.console import RenderableType
 
+from accelbench.commands.rig_flight.given import COARSE, PRECISE, GivenCalibration
 from accelbench.shell.console import number, table
-from errormodel.errors import InputError
-from errormodel.progress import followed
-from sinscal.article.published import COARSE_M, PRECISE_M, published_calibrations
+from errormodel.progress import track
+from sinscal.article.published import COARSE_M, PRECISE_M
 from sinscal.flight.covariance import (
     NOISE,
     FlightCovariance,
@@ -26,9 +23,7 @@ from sinscal.flight.navigation_errors import DV, PHI
 from sinscal.flight.trajectory import FlightPlan
 from sinscal.frames.earth import ARCMIN, DEG_PER_H
 from sinscal.library.accelerometer import MICRO_G
-from sinscal.model.residual_errors import Calibration
 
-COARSE, PRECISE = "coarse", "precise"
 SHOWN_SHARE = 0.005
 EVERY_S = 10.0
 RHO = (
@@ -36,26 +31,6 @@ RHO = (
     "uncalibrated: with the sigmas known beforehand; without noise: what the calibration alone "
     "leaves",
 )
-
-
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class GivenCalibration:
-    """A calibration as it was read.
-
-    Attributes
-    ----------
-    name : str
-    calibration : Calibration
-    before : Calibration, optional
-        What was known without it: the sigmas beforehand, where the file has them.
-    is_article : bool
-        Whether it is of the article's programme, and its published figures belong beside it.
-    """
-
-    name: str
-    calibration: Calibration
-    before: Calibration | None = None
-    is_article: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -100,7 +75,7 @@ def fly(
     one = given.calibration
     with_noise, without = (
         flight_sensitivity(plan, one.names, noise=each, every_s=every_s)
-        for each in followed((noise, FlightNoise()))
+        for each in track((noise, FlightNoise()))
     )
     whole = assess(with_noise, one)
     held: Agreement | None = None
@@ -117,86 +92,6 @@ def fly(
         agreement=held,
         is_article=given.is_article,
     )
-
-
-def read_calibrations(files: Sequence[Path]) -> list[GivenCalibration]:
-    """Read calibrations with their names; without files take the article's sigmas.
-
-    A file holds `names` and `covariance`, or these under `coarse` and `precise`. A calibration is
-    called by the file's `mode`, or else by the file's name.
-
-    Raises
-    ------
-    InputError
-        If a file is no such document, or two calibrations have one name.
-    """
-    if not files:
-        published = zip((COARSE, PRECISE), published_calibrations(), strict=True)
-        return [GivenCalibration(name=n, calibration=c, is_article=True) for n, c in published]
-    found: list[GivenCalibration] = []
-    for path in files:
-        document = _document(path)
-        parts = [name for name in (COARSE, PRECISE) if "names" in _mapping(document.get(name))]
-        if parts:
-            article = document.get("programme") == "article"
-            found += [_given(path, n, n, _mapping(document[n]), article) for n in parts]
-        else:
-            name = document.get("mode")
-            name = name if isinstance(name, str) else path.stem
-            found.append(_given(path, name, "", document, article=False))
-    names = [one.name for one in found]
-    double = next((n for n in names if names.count(n) > 1), None)
-    if double is not None:
-        raise InputError(files[-1], "mode", f"there are two calibrations named {double!r}")
-    return found
-
-
-def _given(
-    path: Path, name: str, place: str, part: Mapping[str, Any], article: bool
-) -> GivenCalibration:
-    """Read one calibration, and what the file says was known before it."""
-    calibration, before = _calibration(path, place, part), None
-    prior, told = _mapping(part.get("prior")), _mapping(part.get("parameters"))
-    try:
-        sigmas = [
-            float(_mapping(prior[n])["sigma"] if n in prior else _mapping(told[n])["prior_sigma"])
-            for n in cast(list[str], part["names"])
-        ]
-        before = Calibration.of_sensors(part["names"], np.diag(np.square(sigmas)))
-    except (KeyError, TypeError, ValueError):
-        pass  # another program's file may hold a covariance alone
-    return GivenCalibration(name=name, calibration=calibration, before=before, is_article=article)
-
-
-def _document(path: Path) -> Mapping[str, Any]:
-    try:
-        document = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as err:
-        raise InputError(path, "", f"cannot be read: {err.strerror or err}") from err
-    except ValueError as err:
-        raise InputError(path, "", f"is no JSON: {err}") from err
-    if not isinstance(document, dict):
-        raise InputError(path, "", "expected an object with names and covariance")
-    return cast(Mapping[str, Any], document)
-
-
-def _mapping(value: object) -> Mapping[str, Any]:
-    return cast(Mapping[str, Any], value) if isinstance(value, dict) else {}
-
-
-def _calibration(path: Path, place: str, part: Mapping[str, Any]) -> Calibration:
-    for key in ("names", "covariance"):
-        if key not in part:
-            where = ".".join(p for p in (place, key) if p)
-            raise InputError(path, where, "is missing; expected what rig calibrate writes")
-    names: Any = part["names"]
-    if not isinstance(names, list) or not all(isinstance(n, str) for n in cast(list[Any], names)):
-        raise InputError(path, "names", "expected a list of parameters' names")
-    try:
-        cov = np.array(part["covariance"], dtype=float)
-        return Calibration.of_sensors(cast(list[str], names), cov)
-    except (ValueError, TypeError) as err:
-        raise InputError(path, place or "covariance", str(err)) from err
 
 
 def flight_document(
@@ -299,12 +194,12 @@ def bought_lines(flown: Sequence[FlownCalibration]) -> Iterator[str]:
             times = one.before.rho_end_m / one.found.rho_end_m
             yield (
                 f"{one.name}: the same flight uncalibrated, by what was known beforehand, ends "
-                f"{distance(one.before.rho_end_m)} off (1 σ); the calibration makes it "
-                f"{distance(one.found.rho_end_m)}, {number(times, 3)} times less"
+                f"{distance_text(one.before.rho_end_m)} off (1 σ); the calibration makes it "
+                f"{distance_text(one.found.rho_end_m)}, {number(times, 3)} times less"
             )
 
 
-def distance(metres: float) -> str:
+def distance_text(metres: float) -> str:
     """Write a distance in m, or in km when it is long."""
     return f"{number(metres / 1e3)} km" if metres >= 1e4 else f"{metres:.0f} m"
 

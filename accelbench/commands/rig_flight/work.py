@@ -7,16 +7,16 @@ from typing import Any
 
 import click
 
+from accelbench.commands.rig_flight.given import read_calibrations
 from accelbench.commands.rig_flight.text import (
     FlownCalibration,
     flight_document,
     flight_text,
     fly,
-    read_calibrations,
 )
 from accelbench.shell.outputs import Results, check_results
 from accelbench.shell.progress import Work, working
-from errormodel.progress import followed
+from errormodel.progress import track
 from sinscal.flight.covariance import FlightNoise
 from sinscal.flight.trajectory import FlightPlan
 from sinscal.frames.earth import DEG_PER_H
@@ -37,7 +37,7 @@ def flight(
     with working("flying") as work:
         flown = [
             fly(one, plan, noise, runs=runs, seed=seed, progress=_teller(one.name, work))
-            for one in followed(calibrations)
+            for one in track(calibrations)
         ]
     results = Results(flight_document(plan, noise, flown), flight_text(plan, noise, flown))
     results.add_report(report, lambda: _report(plan, noise, flown))

@@ -9,13 +9,13 @@ from accelbench.shell.plotting import (
     COLOURS,
     MARKERS,
     Picture,
+    draw_correlation_matrix,
     dress,
     legend_below,
     new_figure,
     picture,
     thinned,
 )
-from accelbench.shell.plotting import draw_correlations as draw_matrix
 from errormodel.arrays import FloatArray
 from sinscal.planning.covariance import RigCovariance
 from sinscal.recording.run import AXES
@@ -112,7 +112,7 @@ def _cycle_ends(one: RigCovariance) -> FloatArray:
 
 def draw_correlations(one: RigCovariance, mode: str) -> Picture:
     """Draw the correlations of the final covariance."""
-    return draw_matrix(one.names, correlations(one), f"correlations_{mode}.png", mode)
+    return draw_correlation_matrix(one.names, correlations(one), f"correlations_{mode}.png", mode)
 
 
 def draw_budget(one: RigCovariance, mode: str) -> Picture:

@@ -19,7 +19,7 @@ from accelbench.commands.rig_plan.text import (
     sigma_rows,
 )
 from accelbench.shell.outputs import REPORT_NAME
-from accelbench.shell.page import Page, ReportTable, Section, Verdict, render_page
+from accelbench.shell.page import Banner, Page, ReportTable, Section, render_page
 from sinscal.article.tables import ArticleTables
 from sinscal.planning.advice import Advice
 from sinscal.planning.covariance import RigCovariance
@@ -71,12 +71,12 @@ def render_covariance(
     return render_page(page, REPORT_NAME)
 
 
-def _seen(mode: str, one: RigCovariance) -> Verdict:
+def _seen(mode: str, one: RigCovariance) -> Banner:
     """Say whether the programme shows every parameter."""
     hidden = list(not_seen(one))
     if not hidden:
-        return Verdict(text=f"{mode}: the programme shows every parameter", state="good")
-    return Verdict(text=f"{mode}: hardly seen are {names_by_axis(hidden)}", state="open")
+        return Banner(text=f"{mode}: the programme shows every parameter", state="good")
+    return Banner(text=f"{mode}: hardly seen are {names_by_axis(hidden)}", state="open")
 
 
 def _article(best: ArticleTables, literal: ArticleTables) -> Iterator[Section]:

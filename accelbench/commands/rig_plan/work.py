@@ -28,7 +28,7 @@ from accelbench.shell.progress import working
 from errormodel.errors import InputError
 from errormodel.io.atomic import write_files
 from errormodel.io.toml import read_text
-from errormodel.progress import followed
+from errormodel.progress import track
 from sinscal.article.tables import BEST, LITERAL, ArticleAnalysis, ArticleTables
 from sinscal.calibration.rig import Mode
 from sinscal.model.priors import PriorFile, read_priors
@@ -163,16 +163,14 @@ def covariance(
     if programme is None:
         with working("computing the article's tables"):
             analysis = ArticleAnalysis()
-            best, literal = (analysis.tables(reading) for reading in followed((BEST, LITERAL)))
+            best, literal = (analysis.tables(reading) for reading in track((BEST, LITERAL)))
         tables = (best, literal)
         file, found = RigFile(**article_programme().model_dump()), tables[0].by_mode(modes)
         document, text = article_document(*tables), list(article_text(*tables))
     else:
         file, prior_file = read_rig_file(programme), read_priors(priors) if priors else None
         with working("analysing the programme"):
-            analysed = {
-                m: _analysed(file, m, groups, prior_file, programme) for m in followed(modes)
-            }
+            analysed = {m: _analysed(file, m, groups, prior_file, programme) for m in track(modes)}
         found = {m: one for m, (one, _) in analysed.items()}
         advice = {m: told for m, (_, told) in analysed.items()}
     document |= analysis_document(found, advice)

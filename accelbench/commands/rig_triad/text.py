@@ -8,7 +8,7 @@ from scipy import stats
 
 from accelbench.shell.console import number, table, value_and_sigma
 from accelbench.shell.outputs import REPORT_NAME
-from accelbench.shell.page import Page, ReportTable, Section, Verdict, render_page
+from accelbench.shell.page import Banner, Page, ReportTable, Section, render_page
 from errormodel.arrays import FloatArray
 from sinscal.triad.rests import RestCalibration
 from sinscal.triad.triad import errors_of
@@ -166,7 +166,7 @@ def render_triad(done: RestCalibration) -> dict[str, bytes]:
     first, *_ = sentences(done)
     page = Page(
         title="Accelerometer triad from positions at rest",
-        verdicts=(Verdict(text=first, state="open" if done.doubts else ""),),
+        verdicts=(Banner(text=first, state="open" if done.doubts else ""),),
         sections=(
             Section(title="Result", points=tuple(sentences(done)), pictures=(picture,)),
             Section(

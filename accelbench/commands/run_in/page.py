@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 from accelbench.commands.run_in.figures import MAX_PICTURES, run_in_pictures
 from accelbench.commands.run_in.text import COLUMNS, DEFINITION, law_sentence, run_in_rows
 from accelbench.shell.outputs import REPORT_NAME
-from accelbench.shell.page import Page, ReportTable, Section, Verdict, render_page
+from accelbench.shell.page import Banner, Page, ReportTable, Section, render_page
 from thermo.recording.files import RecordedRuns
 from thermo.run_in.cycles import in_order
 from thermo.run_in.verdict import RunInVerdict
@@ -35,7 +35,7 @@ def render_run_in(
     page = Page(
         title=f"Run-in of {', '.join(v.serial for v in verdicts):.80}",
         verdicts=tuple(
-            Verdict(text=v.sentence, state="good" if v.settled else "open") for v in verdicts
+            Banner(text=v.sentence, state="good" if v.settled else "open") for v in verdicts
         ),
         sections=tuple(_sections(verdicts, runs, rule)),
     )

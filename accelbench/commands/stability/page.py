@@ -24,11 +24,11 @@ from accelbench.commands.stability.text import (
 from accelbench.shell.outputs import REPORT_NAME
 from accelbench.shell.page import (
     SOURCE_COLUMNS,
+    Banner,
+    BannerState,
     Page,
     ReportTable,
     Section,
-    State,
-    Verdict,
     render_page,
     source_rows,
 )
@@ -76,10 +76,10 @@ def render_stability(result: Stability, runs: RecordedRuns) -> dict[str, bytes]:
     return render_page(page, REPORT_NAME)
 
 
-STATES: Mapping[str, State] = {"pass": "good", "fail": "bad", "undecided": "open"}
+STATES: Mapping[str, BannerState] = {"pass": "good", "fail": "bad", "undecided": "open"}
 
 
-def _verdicts(result: Stability) -> Iterator[Verdict]:
+def _verdicts(result: Stability) -> Iterator[Banner]:
     """Yield a box for each verdict with the accelerometers that have it, the worst first."""
     for word in ("fail", "undecided", "pass"):
         mine = [a for a in result.accelerometers if a.verdict == word]
@@ -87,12 +87,12 @@ def _verdicts(result: Stability) -> Iterator[Verdict]:
             why = [f"{a.serial}, {criterion_text(c)}" for a in mine for c in a.criteria
                    if c.verdict == word != "pass"]  # fmt: skip
             told = f"{', '.join(a.serial for a in mine)}: {word}"
-            yield Verdict(text="; ".join((told, *why)), state=STATES[word])
+            yield Banner(text="; ".join((told, *why)), state=STATES[word])
     for one in result.accelerometers:
         for line in movements(one):
-            yield Verdict(text=f"{one.serial}: {line}", state="open")
+            yield Banner(text=f"{one.serial}: {line}", state="open")
     if not any(a.verdict in STATES for a in result.accelerometers):
-        yield Verdict(text="no limits were given: nothing is judged")
+        yield Banner(text="no limits were given: nothing is judged")
 
 
 def _opening(result: Stability) -> Iterator[Section]:

@@ -1,4 +1,4 @@
-from accelbench.shell.page import Page, ReportTable, Section, Verdict, render_page
+from accelbench.shell.page import Banner, Page, ReportTable, Section, render_page
 from accelbench.shell.plotting import Picture
 
 
@@ -6,7 +6,7 @@ def test_verdicts_come_first_and_every_section_is_in_the_contents():
     page = Page(
         title="Model of QA-001",
         about="model m1",
-        verdicts=(Verdict(text="passed <x>", state="good"), Verdict(text="left out", state="open")),
+        verdicts=(Banner(text="passed <x>", state="good"), Banner(text="left out", state="open")),
         sections=(
             Section(title="One", lines=("a line",), pictures=(
                 Picture(name="p.png", caption="a picture", png=b"png"),)),

@@ -2,7 +2,7 @@ import io
 import sys
 
 from accelbench.shell.progress import left_text, working
-from errormodel.progress import followed
+from errormodel.progress import track
 
 
 class Looked(io.StringIO):
@@ -15,7 +15,7 @@ class Looked(io.StringIO):
 def test_without_a_terminal_steps_are_lines_and_shares_are_not_told(capsys):
     with working("fitting") as work:
         work.tell("again")
-        assert list(followed((1, 2))) == [1, 2]
+        assert list(track((1, 2))) == [1, 2]
     assert capsys.readouterr().err == "again\n"
 
 
@@ -23,7 +23,7 @@ def test_on_a_terminal_there_is_a_bar_and_it_is_gone_afterwards(monkeypatch, cap
     seen = Looked()
     monkeypatch.setattr(sys, "stderr", seen)
     with working("fitting") as work:
-        for _ in followed((1, 2)):
+        for _ in track((1, 2)):
             work.tell("a step")
     assert "a step" in seen.getvalue()
     assert seen.getvalue().rstrip().endswith("\x1b[2K")  # the bar's line is cleared
