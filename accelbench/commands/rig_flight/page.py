@@ -59,7 +59,10 @@ def render_flight(
     sections = (
         Section(
             title="Position error",
-            lines=(f"After {plan.duration_s / 3600.0:g} h, {trajectory(plan)}.", noise_text(noise)),
+            lines=(
+                f"After {number(plan.duration_s / 3600.0, 3)} h, {trajectory(plan)}.",
+                noise_text(noise),
+            ),
             points=tuple(held_text(one.name, one.agreement) for one in flown if one.agreement),
             table=ReportTable(title="", columns=columns, rows=tuple(error_rows(flown))),
             after=RHO,
@@ -80,7 +83,7 @@ def render_flight(
     names = ", ".join(one.name for one in flown)
     bought = tuple(Banner(text=line) for line in bought_lines(flown))
     ends = "; ".join(f"{one.name} {distance_text(one.found.rho_end_m)}" for one in flown)
-    hours = f"position error after {plan.duration_s / 3600.0:g} h (1 σ): {ends}"
+    hours = f"position error after {number(plan.duration_s / 3600.0, 3)} h (1 σ): {ends}"
     page = Page(
         title=f"Flight after calibration: {names:.100}",
         verdicts=bought or (Banner(text=hours),),

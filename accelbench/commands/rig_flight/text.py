@@ -173,7 +173,9 @@ def flight_text(
         ]
         rho = [number(r.rho_end_m if r else None) for r in (one.found, one.before, one.alone)]
         made.add_row(one.name, *rho, ", ".join(parts))
-    lines: list[RenderableType] = [f"ρ after {plan.duration_s / 3600.0:g} h, {trajectory(plan)}"]
+    lines: list[RenderableType] = [
+        f"ρ after {number(plan.duration_s / 3600.0, 3)} h, {trajectory(plan)}"
+    ]
     lines.append(made)
     lines += [*RHO, *bought_lines(flown)]
     figures = _figures({one.name: one.found.rho_end_m for one in flown})
