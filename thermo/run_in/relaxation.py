@@ -17,6 +17,7 @@ from thermo.run_in.rivals import (
     KAPPA,
     PLAIN,
     SLOW_NAMES,
+    SLOW_ODDS,
     Hypotheses,
     Law,
     lay_out,
@@ -133,11 +134,33 @@ class _Grid:
         return np.logaddexp.reduce(self.log_weight, axis=1)
 
     def of_kind(self, kind: int) -> tuple["_Grid", float]:
-        """Return the posterior where one kind of slow process goes on, and its prior's log."""
+        """Return the posterior where one kind of slow process goes on, and the log of its share."""
         log_prior = self.hypotheses.log_prior[self.hypotheses.kind == kind]
         other = (self.hypotheses.kind != kind).reshape(self.log_weight.shape)
         alone = replace(self, log_weight=np.where(other, NEVER, self.log_weight))
-        return alone, float(np.logaddexp.reduce(log_prior))
+        return alone, float(np.logaddexp.reduce(log_prior)) - float(np.log(KAPPA.size))
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class SlowRival:
+    """A slow process beside the relaxation, and what it would bring.
+
+    Attributes
+    ----------
+    name : str
+    odds : float
+        Of it against all hypotheses together, from `SLOW_ODDS` beforehand; what share it was
+        given among them does not enter.
+    places : tuple of int
+        The series in which it goes on; in the others anything may.
+    draws : tuple of Draws
+        Equally likely futures with it, one for each series.
+    """
+
+    name: str
+    odds: float
+    places: tuple[int, ...]
+    draws: tuple[Draws, ...]
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -168,28 +191,31 @@ class Relaxing:
         rest = _choose(grid.log_weight[kappa], rng)
         return _drawn(grid, kappa, kappa * grid.log_weight.shape[1] + rest, rng)
 
-    def slow_kinds(
-        self, count: int, rng: np.random.Generator, excluded: float
-    ) -> tuple[dict[str, Draws], ...]:
-        """Draw, for each series, futures under every kind of slow process that is not excluded.
+    def slow_rivals(
+        self, count: int, rng: np.random.Generator, least: float
+    ) -> tuple[SlowRival, ...]:
+        """Draw futures under every kind of slow process, in each series alone and in all.
 
-        A kind is excluded where the estimates are exp(`excluded`) times likelier with nothing slow
-        in this series. Of estimates that come from the kind, that is so in exp(−`excluded`) or less
-        (Markov's inequality), whatever share the kind was given beforehand.
+        Those are left out under which the estimates are less than `least` times as likely as over
+        all hypotheses.
         """
-        found: list[dict[str, Draws]] = []
-        for grid in self.grids:
-            others = self.of_centre - self._near(grid)
-            plain, prior = grid.of_kind(PLAIN)
-            against = float(np.logaddexp.reduce(others + self._near(plain))) - prior
-            mine: dict[str, Draws] = {}
-            for kind, name in SLOW_NAMES.items():
-                alone, prior = grid.of_kind(kind)
-                by_centre = others + self._near(alone)
-                if float(np.logaddexp.reduce(by_centre)) - prior >= against - excluded:
-                    centre = _choose(np.broadcast_to(by_centre, (count, KAPPA.size)), rng)
-                    mine[name] = self._drawn(alone, centre, rng)
-            found.append(mine)
+        numbers = range(len(self.grids))
+        places = {frozenset({i}) for i in numbers} | {frozenset(numbers)}
+        found: list[SlowRival] = []
+        for kind, name in SLOW_NAMES.items():
+            alone = [grid.of_kind(kind) for grid in self.grids]
+            for place in sorted(places, key=sorted):
+                parts = [alone[i][0] if i in place else self.grids[i] for i in numbers]
+                by_centre = np.sum([self._near(part) for part in parts], axis=0)
+                prior = sum(alone[i][1] for i in place)
+                likelier = float(np.logaddexp.reduce(by_centre)) - prior - self.log_evidence
+                if likelier < np.log(least):
+                    continue
+                odds = SLOW_ODDS * float(np.exp(min(likelier, 50.0)))
+                centre = _choose(np.broadcast_to(by_centre, (count, KAPPA.size)), rng)
+                draws = tuple(self._drawn(part, centre, rng) for part in parts)
+                places_of = tuple(sorted(place))
+                found.append(SlowRival(name=name, odds=odds, places=places_of, draws=draws))
         return tuple(found)
 
     def _near(self, grid: _Grid) -> FloatArray:

@@ -1,11 +1,13 @@
 """Run-in: whether an accelerometer has settled, and how many cycles it still needs.
 
 The rule is a sequential test. After each cycle the future of K0 and K1 is inferred
-(`thermo.run_in.relaxation`), over all rivals of a single relaxation that the cycles do not
-exclude. The
-accelerometer has settled when, with the confidence asked for, none of the two will ever again
-change by more than its limit. A posterior probability may be looked at as often as one likes: the
-risk of stopping is the one stated at the stop, however many looks came before.
+(`thermo.run_in.relaxation`), over all rivals of a single relaxation. The accelerometer has settled
+when, with the confidence asked for, none of the two will ever again change by more than its limit:
+in the mean over all rivals, and under every kind of slow process by itself, in one coefficient or
+in all. Let b be the odds of a kind against all rivals, from `SLOW_ODDS` beforehand, and P the
+probability under it of a later change. Then b·P (P itself where b is above 1) must not exceed the
+risk, however rare the kind is among accelerometers. It may be looked at as often as one likes: b
+hangs on the readings alone (Ville 1939).
 """
 
 from collections.abc import Sequence
@@ -15,16 +17,16 @@ import numpy as np
 from scipy import stats
 
 from errormodel.arrays import FloatArray, IntArray
-from thermo.run_in.relaxation import Draws, Series, weigh
+from thermo.run_in.relaxation import Draws, Series, SlowRival, weigh
 from thermo.run_in.rivals import HORIZON, Law
 from thermo.run_in.signs import DailySwing, Jump, daily_swing, jumps_of
 
 DRAWS = 3000  # a probability of 0.95 is then known to 0.004
 SEED = 1  # the same estimates always give the same verdict
 MIN_CYCLES = 3
-KIND_DRAWS = 400  # under each kind of slow process: the upper end needs no more
+RIVAL_DRAWS = 400  # under each slow process: a probability of 0.05 is then known to 0.011
 LEAST_PLAIN = 0.05  # share of the draws in which nothing slow goes on, for figures under that
-EXCLUDED = 3.0  # a law is excluded at odds of 20, of which this is the logarithm
+EXCLUDED = 3.0  # a law or slow process is excluded at odds of 20, of which this is the logarithm
 # So many cycles at either end make the instability before and after, fewer when there are fewer.
 WINDOW = 4
 SCATTER_TOLD = 0.25  # of the limit: two cycles then differ by a third of it and more
@@ -61,6 +63,26 @@ class Relaxation:
     cycles_needed: tuple[int, int | None]
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Unseen:
+    """A slow process that the cycles do not exclude.
+
+    `change` is what 95 % of its possible changes of the coefficient within `HORIZON` cycles do not
+    exceed.
+    """
+
+    process: str
+    coefficient: str
+    unit: str
+    change: float
+
+    @property
+    def sentence(self) -> str:
+        """The process and its size in a few words."""
+        name = self.coefficient.upper()
+        return f"{self.process} of {name} by up to {self.change:.2g} {self.unit}"
+
+
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class RunInVerdict:
     """What is known of one accelerometer's run-in after its last cycle.
@@ -78,14 +100,15 @@ class RunInVerdict:
         `cycles_needed` under the other law; None when the estimates exclude that one.
     coefficients : tuple of Relaxation
     settled_probability : float
-        That no coefficient will again change by more than its limit.
+        That no coefficient will again change by more than its limit: 1 less the largest risk, in
+        the mean over all rivals or under a kind of slow process.
     confidence : float
     settled : bool
         Whether `settled_probability` reaches `confidence`.
     cycles_needed : (int, int or None)
         Fewer than the first or more than the second are needed with a risk of 1 − `confidence`
-        each, whatever goes on of what the cycles do not exclude. None: more than
-        `thermo.run_in.rivals.HORIZON`.
+        each; until it has settled the second holds under every slow process that the cycles do not
+        exclude, however rare it is. None: more than `thermo.run_in.rivals.HORIZON`.
     needed_if_nothing_slow : (int, int or None) or None
         The same if nothing slower than the relaxation goes on; None where the cycles leave that no
         weight.
@@ -95,6 +118,8 @@ class RunInVerdict:
         `settled_probability` under that assumption; None where the cycles leave it no weight.
     not_excluded : tuple of str
         Slow processes that the cycles do not exclude at odds of 20.
+    unseen : tuple of Unseen
+        How large those could be that could leave a limit.
     swings : tuple of DailySwing
         Coefficients that follow the time of day.
     """
@@ -113,6 +138,7 @@ class RunInVerdict:
     settled_if_nothing_slow: float | None
     needed_if_nothing_slow: tuple[int, int | None] | None
     not_excluded: tuple[str, ...]
+    unseen: tuple[Unseen, ...]
     swings: tuple[DailySwing, ...]
 
     @property
@@ -130,9 +156,12 @@ class RunInVerdict:
                 if self.nothing_slow
                 else "unless something begins that has not begun to show"
             )
-            if self.not_excluded:
-                slow = ", ".join(self.not_excluded)
-                assumed += f" (taken to be rare, as these cycles do not exclude it: {slow})"
+            if self.unseen:
+                slow = ", ".join(u.sentence for u in self.unseen)
+                assumed += (
+                    f" (taken to be rare, as these cycles do not exclude it within {HORIZON} more: "
+                    f"{slow})"
+                )
             return (
                 f"{self.serial}: {what}, risk {_percent(self.settled_probability)}, {assumed}"
                 f"{self._scatter_text()}{swung}{jumped}"
@@ -222,28 +251,32 @@ def judge_run_in(
     hyperbolic = weigh(series, "hyperbolic", slow=not nothing_slow)
     ratio = hyperbolic.log_evidence - exponential.log_evidence
     better, other = (hyperbolic, exponential) if ratio > 0 else (exponential, hyperbolic)
-    under = better.draw(DRAWS, np.random.default_rng(SEED))
-    other_needs, draws = None, under
+    mine = better.draw(DRAWS, np.random.default_rng(SEED))
+    other_needs, draws = None, mine
     if abs(ratio) < EXCLUDED:
         rest = other.draw(DRAWS, np.random.default_rng(SEED + 1))
-        other_needs = _interval(_of_all(rest), confidence)
+        other_needs = _interval(_of_all(rest), 1.0 - confidence)
         share = float(1.0 / (1.0 + np.exp(abs(ratio))))  # of the other law
-        draws = tuple(a.joined(b, share) for a, b in zip(under, rest, strict=True))
-    needed = _of_all(draws)
-    probability = float(np.count_nonzero(needed == 0) / needed.size)
-    plain = np.all([one.plain for one in draws], axis=0)
-    settled = probability >= confidence
-    kinds = (dict[str, Draws](),) * len(series)
+        draws = tuple(a.joined(b, share) for a, b in zip(mine, rest, strict=True))
+    risk = 1.0 - confidence
+    rivals: tuple[SlowRival, ...] = ()
     if not nothing_slow:
-        kinds = better.slow_kinds(KIND_DRAWS, np.random.default_rng(SEED + 2), EXCLUDED)
-    counted = [() if settled else tuple(k.values()) for k in kinds]
-    low, high = _interval(needed, confidence)
-    high = _highest(high, [d for of_one in counted for d in of_one], confidence)
+        rivals = better.slow_rivals(RIVAL_DRAWS, np.random.default_rng(SEED + 2), np.exp(-EXCLUDED))
+    needed = _of_all(draws)
+    under = [_of_all(r.draws) for r in rivals]
+    later = [
+        float(np.mean(needed > 0)),
+        *(min(r.odds, 1.0) * float(np.mean(n > 0)) for r, n in zip(rivals, under, strict=True)),
+    ]
+    settled = max(later) <= risk
+    counted = () if settled else rivals
+    plain = np.all([one.plain for one in draws], axis=0)
+    plain = np.all([one.plain for one in draws], axis=0)
     enough = np.count_nonzero(plain) >= LEAST_PLAIN * needed.size
     if_plain = needed[plain]
     coefficients = tuple(
-        _relaxation(s, d, k, confidence, window)
-        for s, d, k in zip(series, draws, counted, strict=True)
+        _relaxation(s, draws[k], [r.draws[k].needed for r in counted], risk, window)
+        for k, s in enumerate(series)
     )
     swings = (
         () if hours is None else (daily_swing(c.series, hours, c.kappa[0]) for c in coefficients)
@@ -255,18 +288,38 @@ def judge_run_in(
         log_evidence_ratio=ratio,
         other_law_needs=other_needs,
         coefficients=coefficients,
-        settled_probability=probability,
+        settled_probability=1.0 - max(later),
         confidence=confidence,
         settled=settled,
-        cycles_needed=(low, high),
+        cycles_needed=_needed(needed, under if counted else (), risk),
         nothing_slow=nothing_slow,
         settled_if_nothing_slow=(
             float(np.count_nonzero(if_plain == 0) / if_plain.size) if enough else None
         ),
-        needed_if_nothing_slow=_interval(if_plain, confidence) if enough else None,
-        not_excluded=tuple(dict.fromkeys(name for of_one in kinds for name in of_one)),
+        needed_if_nothing_slow=_interval(if_plain, risk) if enough else None,
+        not_excluded=tuple(dict.fromkeys(r.name for r in rivals)),
+        unseen=_unseen(series, rivals),
         swings=tuple(s for s in swings if s),
     )
+
+
+def _unseen(series: Sequence[Series], rivals: Sequence[SlowRival]) -> tuple[Unseen, ...]:
+    """Return the largest change that each slow process could bring, where above a limit."""
+    found: dict[str, Unseen] = {}
+    for rival in rivals:
+        for place in rival.places:
+            changes = np.abs(rival.draws[place].future[:, HORIZON])
+            mine = Unseen(
+                process=rival.name,
+                coefficient=series[place].name,
+                unit=series[place].unit,
+                change=float(np.quantile(changes, 0.95)),
+            )
+            other = found.get(rival.name)
+            above = mine.change > series[place].limit
+            if above and (other is None or mine.change > other.change):
+                found[rival.name] = mine
+    return tuple(found.values())
 
 
 def _percent(probability: float) -> str:
@@ -287,28 +340,31 @@ def _of_all(draws: Sequence[Draws]) -> IntArray:
     return np.vstack([one.needed for one in draws]).max(axis=0)
 
 
-def _interval(needed: IntArray, confidence: float) -> tuple[int, int | None]:
-    """Return the cycles that are too few, and enough, with the risk 1 − confidence each."""
+def _interval(needed: IntArray, risk: float) -> tuple[int, int | None]:
+    """Return the cycles that are too few, and enough, with the risk given each."""
     ordered = np.sort(needed)
-    last = ordered.size - 1
-    low = min(int(ordered[int(np.floor((1 - confidence) * last))]), HORIZON)
-    high = int(ordered[min(last, int(np.ceil(confidence * ordered.size)) - 1)])
+    low = min(int(ordered[int(np.floor(risk * (ordered.size - 1)))]), HORIZON)
+    high = int(ordered[max(0, int(np.ceil((1.0 - risk) * ordered.size)) - 1)])
     return low, (high if high <= HORIZON else None)
 
 
-def _highest(high: int | None, kinds: Sequence[Draws], confidence: float) -> int | None:
-    """Return the most cycles needed over what may go on; None is more than all."""
-    highs = [high, *(_interval(d.needed, confidence)[1] for d in kinds)]
+def _needed(needed: IntArray, under: Sequence[IntArray], risk: float) -> tuple[int, int | None]:
+    """Return the cycles that are too few, in the mean, and those enough under each rival too."""
+    low, high = _interval(needed, risk)
+    highs = [high, *(_interval(n, risk)[1] for n in under)]
     known = [h for h in highs if h is not None]
-    return max(known) if len(known) == len(highs) else None
+    return low, (max(known) if len(known) == len(highs) else None)
 
 
 def _relaxation(
-    series: Series, draws: Draws, kinds: Sequence[Draws], confidence: float, window: int
+    series: Series,
+    draws: Draws,
+    under: Sequence[IntArray],
+    risk: float,
+    window: int,
 ) -> Relaxation:
     count = min(window, series.values.size // 2)
     enough = count >= 2
-    low, high = _interval(draws.needed, confidence)
     return Relaxation(
         series=series,
         draws=draws,
@@ -319,7 +375,7 @@ def _relaxation(
         before=spread_of(series.values[:count]) if enough else None,
         after=spread_of(series.values[-count:]) if enough else None,
         estimate_sigma=float(np.median(series.sigmas[-max(count, 1) :])),
-        cycles_needed=(low, _highest(high, kinds, confidence)),
+        cycles_needed=_needed(draws.needed, under, risk),
     )
 
 

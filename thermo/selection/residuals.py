@@ -119,17 +119,16 @@ def _group(name: str, values: FloatArray) -> ResidualGroup:
     )
 
 
-def loop_weights(channel: Channel) -> FloatArray | None:
-    """Return the weight of each reading in heating minus cooling; None with one direction only.
+def loop_cells(channel: Channel) -> tuple[IntArray, FloatArray]:
+    """Return which cell of heating minus cooling each reading is in, and its weight there.
 
-    Of its mean over the cells.
+    Cells count from 0, −1 is none; both have the shape (n,).
     """
-    weights = np.zeros(channel.temp_c.size)
-    cells = 0
-    for _, up, down in _cells(channel):
-        weights[up], weights[down] = 1.0 / up.size, -1.0 / down.size
-        cells += 1
-    return weights / cells if cells else None
+    cell, weight = np.full(channel.temp_c.size, -1, dtype=np.intp), np.zeros(channel.temp_c.size)
+    for number, (_, up, down) in enumerate(_cells(channel)):
+        cell[up] = cell[down] = number
+        weight[up], weight[down] = 1.0 / up.size, -1.0 / down.size
+    return cell, weight
 
 
 def _cells(channel: Channel) -> Iterator[tuple[int, IntArray, IntArray]]:

@@ -10,7 +10,6 @@ from errormodel.fit import ModelFit
 from errormodel.model import ErrorModel
 from thermo.library.terms import STATIC_NAMES, term
 from thermo.recording.channel import Channel
-from thermo.selection.residuals import loop_weights
 from thermo.selection.support import support_of, thermistor_noise_c
 from thermo.uncertainty.by_position import ByPosition, by_position
 from thermo.uncertainty.considered import (
@@ -21,16 +20,14 @@ from thermo.uncertainty.considered import (
     with_moves,
 )
 from thermo.uncertainty.left_out import LeftOut, left_out, noise_sentences
-from thermo.uncertainty.linearised import Linearised, effect_of, shifted
+from thermo.uncertainty.linearised import Linearised, shifted
+from thermo.uncertainty.loop_sigma import loop_sigma_ug
 from thermo.uncertainty.not_shown import NotShown, holders, not_shown
 from thermo.uncertainty.run_differences import OddRun, odd_run
 from thermo.uncertainty.unseen_orders import Unseen, unseen_orders
 
 # Orders above the second are seldom large, and stand in several.
 MAY_BE_HELD = (*STATIC_NAMES, "k1", "k1_t1", "k1_t2")
-# Variance of a median over that of a mean, of values that are independent: the cells of heating
-# minus cooling are, but for the drift, with which they move together.
-MEDIAN = np.pi / 2
 MATTERS = 0.5  # of a sigma: what noise in the temperature moves is worth a word
 
 
@@ -123,12 +120,7 @@ def doubts_of(
     inside = _inside(fit, t_ref_c, low, high) if outside else None
     whole = with_moves(fit, np.array([u.among(fit.names) for u in unseen]).T) if unseen else fit
     follows = left_out(line, channel)
-    weights = loop_weights(channel)
-    loop_sigma = None
-    if weights is not None:
-        kept = line.sums(line.left(effect_of(weights)))
-        own, shared = kept.by_the_rest[0, 0], kept.by_drift[0, 0]
-        loop_sigma = 1e6 * float(np.sqrt(MEDIAN * own + shared))
+    loop_sigma = loop_sigma_ug(line, channel)
     return Doubts(
         inside=inside,
         unseen=unseen,
@@ -143,7 +135,7 @@ def doubts_of(
         temperature_noise_counts=wobble.shape[1] > 0
         and bool(np.any(np.abs(wobble[:, 0]) > MATTERS * line.fit.sigmas)),
         output_step_counts=stairs.shape[1] > 0,
-        one_way=tuple(_one_way(line, channel)) if weights is None else (),
+        one_way=tuple(_one_way(line, channel)) if loop_sigma is None else (),
         holders={name: _holders(line, name) for name in lost or () if name in MAY_BE_HELD},
     ), whole
 

@@ -32,7 +32,7 @@ class Missing:
         In the output, of a unit of it.
     words : str
         What it is; empty where other sentences tell of it when the readings cannot show it: of
-        orders, terms of the equation, drift, a lag and a loop of the bias.
+        orders, terms of the equation, drift and a lag.
     """
 
     name: str
@@ -59,7 +59,14 @@ def missing_effects(line: Linearised, channel: Channel) -> Iterator[Missing]:
 
 
 def effects_that_hide(line: Linearised, channel: Channel) -> Iterator[Missing]:
-    """Yield those that many tests cannot show, with `words`; none where the input is unknown."""
+    """Yield those that many tests cannot show, with `words`."""
+    if _moves(line):
+        yield Missing(
+            name="bias_hysteresis",
+            follows="the direction of the temperature",
+            column=_loop(line),
+            words=f"a loop of the bias, {LOOP_WIDTH_C:.0f} °C wide",
+        )
     if not channel.has_input:
         return
     a_i = line.record["a_i_g"]
@@ -89,6 +96,14 @@ def effects_that_hide(line: Linearised, channel: Channel) -> Iterator[Missing]:
             words="a loop of the scale factor over temperature",
         )
     )
+    yield from _there(
+        Missing(
+            name="wide_scale_hysteresis",
+            follows="a wide loop over the temperature times the input",
+            column=_loop(line) * a_i,
+            words=f"a loop of the scale factor, {LOOP_WIDTH_C:.0f} °C wide",
+        )
+    )
     middle = float(np.mean(line.record["x_c"]))
     words = {"k2": "k2", "delta_o": "misalignment delta_o", "delta_p": "misalignment delta_p"}
     for name, what in words.items():
@@ -116,12 +131,6 @@ def _rates(line: Linearised, channel: Channel) -> Iterator[Missing]:
         column=-line.by_temperature() * rate / 60.0,
     )
     yield Missing(name="temperature_rate_bias", follows="the rate of temperature", column=rate)
-    values = {"bias_hysteresis": 1.0, "bias_hysteresis_width": LOOP_WIDTH_C}
-    loop = ErrorModel((term("bias_hysteresis"),))
-    direction = loop.simulate(record.with_signals(a_i_g=np.zeros(len(record))), values)
-    yield Missing(
-        name="bias_hysteresis", follows="the direction of the temperature", column=direction
-    )
     if channel.has_input:
         times = "the rate of temperature times the input"
         yield Missing(name="temperature_rate_scale", follows=times, column=rate * record["a_i_g"])
@@ -149,6 +158,13 @@ def _static(line: Linearised, name: str) -> FloatArray:
 def _there(effect: Missing) -> Iterator[Missing]:
     if float(np.abs(effect.column).max()) > NOTHING:
         yield effect
+
+
+def _loop(line: Linearised) -> FloatArray:
+    """Return a loop of unit size: over a range narrower than its width it is nearly a slope."""
+    values = {"bias_hysteresis": 1.0, "bias_hysteresis_width": LOOP_WIDTH_C}
+    at_rest = line.record.with_signals(a_i_g=np.zeros(len(line.record)))
+    return ErrorModel((term("bias_hysteresis"),)).simulate(at_rest, values)
 
 
 def _first_after_moves(line: Linearised) -> FloatArray:

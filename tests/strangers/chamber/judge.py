@@ -34,7 +34,12 @@ STANDING: dict[str, set[str]] = {
     "cannot show.*settling": {"unsettled"},
     "cannot show.*loop of the scale": {"loop of scale"},
     "cannot show.*change of k2": {"K2 over temperature"},
-    "K0 and its slopes.*hold also": {"K2 over temperature", "misalignment over temperature"},
+    "cannot show.*loop of the bias": {"loop of bias"},
+    "K0 and its slopes.*hold also": {
+        "K2 over temperature",
+        "misalignment over temperature",
+        "knee of scale",
+    },
     "cannot show.*change of misalignment": {"misalignment over temperature"},
     "K1 was taken as nominal": {ELSEWHERE},
 }

@@ -5,7 +5,7 @@ import pytest
 
 from tests.thermo.run_in.examples import LIMIT, assembled, series_of
 from thermo.run_in.relaxation import Series, cycles_needed, weigh
-from thermo.run_in.rivals import HORIZON
+from thermo.run_in.rivals import HORIZON, NOT_SLOW, SLOW, SLOW_ODDS
 from thermo.run_in.verdict import judge_run_in, spread_of
 
 
@@ -70,6 +70,41 @@ def test_noise_as_large_as_the_limit_settles_nothing_soon() -> None:
     verdict = judge_run_in("A", [series])
     assert not verdict.settled
     assert verdict.cycles_needed[1] is None or verdict.cycles_needed[1] > 3
+
+
+@pytest.mark.parametrize("creep", [0.0, 0.1, 0.2])
+def test_the_odds_of_slow_processes_are_those_of_how_often_they_are_drawn(creep: float) -> None:
+    rng = np.random.default_rng(5)
+    values = creep * np.arange(12) + 0.15 * rng.standard_normal(12)
+    series = Series(name="k0", unit="", values=values, sigmas=np.full(12, 0.15), limit=1.0)
+    found = weigh([series], "exponential")
+    share = {"a second relaxation": SLOW / 2, "a creep": SLOW / 2}
+    share["a random walk"] = 1.0 - NOT_SLOW - SLOW
+    rivals = found.slow_rivals(10, rng, 1e-12)
+    slow = sum(share[r.name] * r.odds / SLOW_ODDS for r in rivals)
+    (draws,) = found.draw(4000, rng)
+    # a share of 4000 draws is known to 0.8 % (1 sigma)
+    assert 1.0 - np.mean(draws.plain) == pytest.approx(slow, abs=0.03)
+
+
+def test_a_walk_in_one_coefficient_alone_is_not_called_settled() -> None:
+    """Steps as large as an estimate's sigma: 20 cycles show them, in K0 alone."""
+    rng = np.random.default_rng(8)
+    truth = np.vstack([np.cumsum(4.0 * rng.standard_normal(90)), np.zeros(90)])
+    verdict = judge_run_in("S", [s.first(20) for s in series_of(truth, rng)])
+    assert not verdict.settled
+    assert "a random walk" in verdict.not_excluded
+
+
+def test_a_stop_tells_what_could_go_on_unseen_and_how_large() -> None:
+    series = series_of(np.zeros((2, 90)), np.random.default_rng(1))
+    early, late = (judge_run_in("S", [s.first(n) for s in series]) for n in (10, 20))
+    assert early.settled
+    told = {u.process: u.change for u in early.unseen}
+    # a slope is known to 2·√(12/10³) µg a cycle: ±26 µg in 60 of them, at 95 %
+    assert 15.0 < told["a creep"] < 60.0
+    assert f"a creep of K{early.unseen[0].coefficient[1]} by up to" in early.sentence
+    assert {u.process: u.change for u in late.unseen}.get("a creep", 0.0) < told["a creep"]
 
 
 def test_the_same_estimates_give_the_same_verdict_and_order_of_units_does_not_matter() -> None:

@@ -132,6 +132,13 @@ LAWS: dict[str, Law] = {
             rng.uniform(2.0, 6.0) * rng.standard_normal((2, CYCLES)), axis=1
         )
     ),
+    # nothing relaxes, and a single coefficient walks, by steps from half to twice the noise
+    "walk of K0 alone": lambda rng: np.vstack(
+        [
+            np.cumsum(rng.uniform(1.0, 4.0) * rng.standard_normal(CYCLES)),
+            np.zeros(CYCLES),
+        ]
+    ),
 }
 
 

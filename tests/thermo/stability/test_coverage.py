@@ -9,8 +9,9 @@ from tests.thermo.stability.coverage import LAWS, Coverage, run_in_coverage, sta
 
 SLOW_LAWS = ("two exponentials", "log creep", "creep", "walk")
 
-# Steps of 2 µg a cycle look like the noise of 2 µg: the stop names the walk it takes to be rare.
-WALK_RISK = 0.12
+# Steps of 2 µg a cycle in one coefficient, and nothing else, look like the noise of 2 µg: the stop
+# names the walk that it takes to be rare.
+ALONE_RISK = 0.35
 
 
 def least(found: Coverage, nominal: float) -> None:
@@ -49,7 +50,7 @@ def test_limits_hold_over_many_sets_of_runs(runs: int, differing: bool) -> None:
 def test_a_stop_has_the_stated_risk_under_every_law(law: str) -> None:
     found = run_in_coverage(law, range(300))
     # of all accelerometers with this law, and 4 standard deviations of their number
-    risk = WALK_RISK if law == "walk" else 0.05
+    risk = ALONE_RISK if law == "walk of K0 alone" else 0.05
     assert found.wrong <= risk * found.sets + 4.0 * (risk * found.sets) ** 0.5, found.text
     told = max(found.told, 1)
     assert found.more <= 0.05 * told + 4.0 * (0.05 * 0.95 * told) ** 0.5, found.text

@@ -26,8 +26,8 @@ def fitted(tmp_path):
     def fit(**changes) -> AccelerometerFit:
         faults = Faults(SOUND.faults | changes.pop("faults", {}))
         how = replace(
-            SOUND, faults=faults, programme="loop", range_c=(0.0, 60.0), runs=2, rows=160,
-            t_ref_c=25.0, hours=5.0, **changes,
+            SOUND, faults=faults, programme="loop", runs=2, rows=160, t_ref_c=25.0, hours=5.0,
+            **{"range_c": (0.0, 60.0), **changes},
         )  # fmt: skip
         write(how.record(), tmp_path / "runs.csv", how, how.gravity)
         (one,) = fit_runs(read_runs([tmp_path / "runs.csv"]))
@@ -56,6 +56,12 @@ def test_effects_that_hide_follow_from_positions_and_readings_a_visit(
     found = hidden(fitted(head=head, dwell=dwell))
     expected = {n: by for n, by in expected.items() if by}
     assert found == expected
+
+
+def test_a_loop_wider_than_the_range_is_a_slope(fitted) -> None:
+    found = hidden(fitted(head="eight", dwell=3, range_c=(23.0, 27.0)))
+    assert found["bias_hysteresis"][0] == "k0_t1"
+    assert found["wide_scale_hysteresis"][0] == "k1_t1"
 
 
 def test_an_effect_that_the_readings_show_is_told_by_the_residual_instead(fitted) -> None:
