@@ -9,6 +9,7 @@ import pytest
 
 from accelbench import cli
 from accelbench.cli import COMMANDS, main
+from accelbench.start import THREADS, take_one_thread
 
 
 @pytest.mark.parametrize("command", COMMANDS)
@@ -203,3 +204,16 @@ def test_a_refusal_with_json_is_a_document_too(call):
 def test_a_misspelt_command_is_told_the_nearest(refused, words, meant):
     assert f"did you mean '{meant}'?" in refused(*words)
     assert "expected one of demo, run" in refused("zzzzzz")
+
+
+@pytest.mark.parametrize(("told", "expected"), [({}, "1"), ({"OMP_NUM_THREADS": "3"}, None)])
+def test_matrices_take_one_thread_unless_the_user_says_how_many(monkeypatch, told, expected):
+    for name in THREADS:
+        monkeypatch.delenv(name, raising=False)
+    for name, value in told.items():
+        monkeypatch.setenv(name, value)
+    take_one_thread()
+    assert os.environ.get("OPENBLAS_NUM_THREADS") == expected
+    assert os.environ["OMP_NUM_THREADS"] == told.get("OMP_NUM_THREADS", "1")
+    for name in THREADS:
+        monkeypatch.delenv(name, raising=False)
