@@ -28,6 +28,7 @@ if TYPE_CHECKING:
         stability,
     )
     from accelbench.result import Result
+    from accelbench.shell.library import library
     from errormodel.errors import InputError, NotSeparableError, WorkbenchError
     from errormodel.model import ErrorModel
     from thermo.compensation.model_file import ModelFile, read_model
@@ -40,6 +41,7 @@ if TYPE_CHECKING:
     from thermo.recording.files import RecordedRuns, join_runs, make_runs, read_runs
     from thermo.recording.foreign import import_log
     from thermo.recording.write import write_runs
+    from thermo.station.job import make_job, make_resumed_job
     from thermo.store.files import open_existing_store, stored_runs
 
 __all__ = [
@@ -58,9 +60,12 @@ __all__ = [
     "foresee",
     "import_log",
     "join_runs",
+    "library",
     "load_sequence",
     "load_station",
+    "make_job",
     "make_plan",
+    "make_resumed_job",
     "make_runs",
     "make_station_safe",
     "open_existing_store",
@@ -81,6 +86,7 @@ _HOMES = {
         "combine", "compensate", "discrepancy", "fit", "foresee", "runin", "stability",
     ),
     "accelbench.result": ("Result",),
+    "accelbench.shell.library": ("library",),
     "errormodel.errors": ("InputError", "NotSeparableError", "WorkbenchError"),
     "errormodel.model": ("ErrorModel",),
     "thermo.compensation.model_file": ("ModelFile", "read_model"),
@@ -93,6 +99,7 @@ _HOMES = {
     "thermo.recording.files": ("RecordedRuns", "join_runs", "make_runs", "read_runs"),
     "thermo.recording.foreign": ("import_log",),
     "thermo.recording.write": ("write_runs",),
+    "thermo.station.job": ("make_job", "make_resumed_job"),
     "thermo.store.files": ("open_existing_store", "stored_runs"),
 }  # fmt: skip
 _get = lazy_names("accelbench", {name: home for home, names in _HOMES.items() for name in names})

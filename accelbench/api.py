@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from accelbench.result import Result, coefficients_of, named_rows, no_pictures
+from accelbench.shell.library import library
 
 if TYPE_CHECKING:
     from accelbench.commands.run.dry_run import MountingForeseen
@@ -221,7 +222,7 @@ def discrepancy(
     model : TermsFile or "bare", optional
         The present model; by default the equation that `fit` would choose.
     effects : path, optional
-        A file with effects of your own beside those of the library.
+        A file of your own; the same as a block of `accelbench.library`.
     seed : int
         Of the simulated nulls.
 
@@ -236,10 +237,9 @@ def discrepancy(
     """
     from accelbench.commands.discrepancy.text import discrepancy_document
     from thermo.discrepancy.find import find_discrepancy
-    from thermo.library.user import load_effects
 
-    library = load_effects(None if effects is None else Path(effects))
-    found = find_discrepancy(runs, model=model, effects=library, seed=seed)
+    with library(*([] if effects is None else [effects])):
+        found = find_discrepancy(runs, model=model, seed=seed)
     document = discrepancy_document(found)
 
     def pictures() -> "Iterable[Picture]":

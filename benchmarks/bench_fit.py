@@ -22,7 +22,7 @@ from errormodel.fit import fit, fit_many
 from errormodel.model import ErrorModel
 from errormodel.noise.drift import NoiseModel
 from errormodel.record import Record
-from thermo.library.terms import term
+from thermo.library import term
 
 NAMES = ("k1", "k1_t1", "k1_t2", "k0", "k0_t1", "k0_t2", "k2", "delta_o")
 TRUTH = dict(zip(NAMES, (1.002, 8e-5, 3e-7, -4e-4, -7e-6, -6e-8, 2e-5, 3e-4), strict=True))

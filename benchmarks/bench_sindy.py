@@ -30,7 +30,7 @@ from tests.thermo.discrepancy.examples import hidden_runs
 from thermo.discrepancy.baseline import bare_baseline
 from thermo.discrepancy.find import find_discrepancy
 from thermo.discrepancy.source import ThermalSource
-from thermo.library.effects import EFFECTS
+from thermo.library import thermal_library
 from thermo.recording.channel import channel_of
 from thermo.recording.files import RecordedRuns
 
@@ -53,7 +53,7 @@ THRESHOLDS = np.geomspace(0.05, 20.0, 16)  # µg rms of an effect over the readi
 def columns_of(runs: RecordedRuns) -> tuple[FloatArray, FloatArray, list[str], FloatArray]:
     """Return the linear effects' columns and the residual beside the baseline, names, runs."""
     channel = channel_of(runs, "A")
-    effects = [e for e in EFFECTS if e.name in LINEAR]
+    effects = [e for e in thermal_library().effects if e.name in LINEAR]
     source = ThermalSource(channel, bare_baseline(channel), effects)
     problem = source.outline(NoiseShape())
     base, _ = np.linalg.qr(problem.base / np.linalg.norm(problem.base, axis=0))
@@ -99,7 +99,7 @@ def named_by_sindy(runs: RecordedRuns) -> set[str]:
 
 def named_by_search(runs: RecordedRuns) -> set[str]:
     """Return the effects named; an alias set stands as one name with bars."""
-    library = [e for e in EFFECTS if e.name in LINEAR]
+    library = [e for e in thermal_library().effects if e.name in LINEAR]
     (d,) = find_discrepancy(runs, model="bare", effects=library)
     if d.alias_sets:
         return {"|".join(s) for s in d.alias_sets}

@@ -55,6 +55,8 @@ class Description:
         How large it is expected to be beforehand, in the model's unit.
     told : Told, optional
         The unit people are told it in, where that is not `unit`.
+    label : str
+        What it is called beside its family's first; by default its name.
     """
 
     name: str
@@ -67,9 +69,16 @@ class Description:
     axis: str = ""
     prior_sigma: float | None = None
     told: Told | None = None
+    label: str = ""
 
     def __post_init__(self) -> None:
-        freeze(self, family=self.family or self.name, group=self.group or self.name)
+        name = self.name
+        freeze(
+            self,
+            family=self.family or name,
+            group=self.group or name,
+            label=self.label or name,
+        )
 
     @property
     def told_in(self) -> Told:

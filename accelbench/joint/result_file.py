@@ -13,6 +13,8 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from errormodel.arrays import FloatArray
+from errormodel.io.python_file import Source, check_source
+from errormodel.io.signed import read_json
 from errormodel.model import ErrorModel
 from sinscal.calibration.observability import observability
 from sinscal.combination.combine import Combination
@@ -23,7 +25,7 @@ from sinscal.judgement.result_file import (
     ResultContent,
     RigResult,
     checked_result,
-    read_json,
+    library_files,
     signed,
 )
 from sinscal.library import rig_library
@@ -39,11 +41,12 @@ from sinscal.model.sensors import SensorModel
 from sinscal.recording.run import AXES, RigRun
 from sinscal.twin.rehearse import Rehearsal
 from thermo.compensation.model_file import EQUATION, reporting_factors
-from thermo.library.terms import LIBRARY, term
+from thermo.fitting.terms_wanted import check_terms
+from thermo.library import term, thermal_library
 
 FORMAT = "accelbench-combined-calibration"
-FORMULA = (
-    "gyros: ω′ = ω + error as in signs; accelerometer a: f′ = (1 + accel_scale_a)·s(x)·"
+APPLIED = (
+    "accelerometer a: f′ = (1 + accel_scale_a)·s(x)·"
     "(f + mounting + lever + g·(K0(x) + K2·(f/g)² + …)), terms as in equation with a_i = f/g and "
     "k1₀ = 1 + accel_scale_a, k0 = accel_bias_a/(g·k1₀), all other coefficients by axis (k0_t1_a); "
     "x = T_a − t_ref_c; to correct, solve for ω and f"
@@ -58,6 +61,11 @@ UNITS = (
 
 
 AT_REFERENCE = {f"accel_bias_{a}": "m/s²" for a in AXES} | {f"accel_scale_{a}": "1" for a in AXES}
+
+
+def formula() -> str:
+    """Return how the errors enter what gyros and accelerometers measure, in words."""
+    return f"gyros: ω′ = {rig_library().equation('gyro')}; {APPLIED}"
 
 
 class _Part(BaseModel):
@@ -92,7 +100,7 @@ class CombinedResult(ResultContent):
     """RESULT.json of `accelbench combine`."""
 
     accelerometers: dict[Literal["x", "y", "z"], MountedAccelerometer]
-    formula: str = FORMULA
+    formula: str = Field(default_factory=lambda: formula())
     equation: str = EQUATION
     clip_rule: str = CLIP_RULE
     units: str = UNITS
@@ -108,10 +116,10 @@ class CombinedResult(ResultContent):
             raise ValueError(f"format must be {FORMAT}")
         if tuple(self.accelerometers) != AXES:
             raise ValueError("accelerometers must be those of x, y and z")
+        for part in self.library:
+            check_source(part.name, part.sha256, _sources())
         for one in self.accelerometers.values():
-            for name in one.terms:
-                if name not in LIBRARY:
-                    raise ValueError(f"no term {name!r}; expected some of {', '.join(LIBRARY)}")
+            check_terms(one.terms)
         for group in self.groups:
             try:
                 rig_library().group(group)
@@ -153,6 +161,10 @@ class CombinedResult(ResultContent):
     def valid_c(self) -> tuple[tuple[float, float], ...]:
         """The range of each accelerometer's model, x, y, z."""
         return tuple(one.valid_c for one in self.accelerometers.values())
+
+
+def _sources() -> list[Source]:
+    return [*rig_library().sources, *thermal_library().sources]
 
 
 def _told_names(sensors: SensorModel) -> tuple[str, ...]:
@@ -222,7 +234,7 @@ def make_combined(
             accelerometers={
                 axis: MountedAccelerometer(
                     serial=one.serial,
-                    terms=tuple(t.name for t in one.without_mounting().model.terms),
+                    terms=_terms(one),
                     valid_c=one.valid_c,
                 )
                 for axis, one in zip(("x", "y", "z"), chambers, strict=True)
@@ -234,9 +246,14 @@ def make_combined(
             ),
             contradictions=made.test.contradictions,
             flight_m=FlightErrors(**made.flight_m),
+            library=library_files(_sources(), [*added, *(t for c in chambers for t in _terms(c))]),
             **content,
         )
     )
+
+
+def _terms(chamber: ChamberModel) -> tuple[str, ...]:
+    return tuple(t.name for t in chamber.without_mounting().model.terms)
 
 
 def read_calibration(path: Path | str) -> RigResult | CombinedResult:

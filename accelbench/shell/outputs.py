@@ -17,7 +17,6 @@ if TYPE_CHECKING:
 
 REPORT_NAME = "report.html"
 TRIAL = 4096  # bytes of the file that proves a place: a full disk still makes empty ones
-RUN_SUFFIXES = (".csv", ".parquet", ".pq")
 
 
 def checked_run_output(path: Path, inputs: Sequence[Path], *, force: bool) -> None:
@@ -28,9 +27,9 @@ def checked_run_output(path: Path, inputs: Sequence[Path], *, force: bool) -> No
     InputError
         If the name is no recorded run's, or either file may not be written.
     """
-    from errormodel.io.tables import sidecar_path  # pyarrow takes its second
+    from errormodel.io.tables import TABLE_SUFFIXES, sidecar_path  # pyarrow takes its second
 
-    if path.suffix.lower() not in RUN_SUFFIXES:
+    if path.suffix.lower() not in TABLE_SUFFIXES:
         raise InputError(path, "--out", "expected a name ending in .csv or .parquet")
     for one in (path, sidecar_path(path)):
         checked_output(one, inputs, force=force)

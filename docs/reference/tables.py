@@ -19,19 +19,24 @@ from pydantic import BaseModel
 
 from accelbench.cli import accelbench
 from drivers.chambers.maps import load_map
+from drivers.chambers.models import CHAMBER_MODELS
 from drivers.emulators.faults import PANEL_KINDS, REPLY_KINDS
-from drivers.station import ChamberConfig, FaultKind, StationConfig
+from drivers.station import FaultKind, StationConfig
 from errormodel.terms import InputChange
+from sinscal.library import rig_library
+from sinscal.library.groups import ALL_CHANNELS
 from sinscal.recording.files import NavSidecar, RigSidecar
 from sinscal.twin.rig_file import RigFile
 from thermo.compensation.model_file import ModelFile
 from thermo.fitting.fit import TermsFile
-from thermo.library.terms import LIBRARY
+from thermo.library import thermal_library
 from thermo.planning.bounds import SEQUENCE, STATION, Bounds
 from thermo.planning.sequence import Sequence
 from thermo.recording.files import Sidecar
 from thermo.recording.foreign_map import LogMap
+from thermo.recording.signals import signals as signals_in_use
 from thermo.store.schema import metadata
+from thermo.twin.planted import size_in_words
 
 HERE = Path(__file__).parent
 BLOCK = re.compile(r"<!-- table: (\S+) -->\n.*?<!-- end -->", re.DOTALL)
@@ -53,7 +58,7 @@ def markdown(head: tuple[str, ...], rows: Rows) -> str:
 def terms() -> str:
     """Return the library of terms."""
     rows: Rows = []
-    for name, make in LIBRARY.items():
+    for name, make in thermal_library().terms.items():
         term = make()
         place = "replaces temperature" if isinstance(term, InputChange) else term.place
         unknowns = [f"{c.symbol}, {_unit(c.unit)}" for c in term.coefficients]
@@ -70,6 +75,59 @@ def terms() -> str:
         )
     head = ("term", "coefficient", "place", "what it physically is", "parameters", "needs")
     return markdown(head, rows)
+
+
+def signals() -> str:
+    """Return the signals that terms may use."""
+    rows = [
+        (f"`{one.name}`", one.unit, one.sentence, f"`{one.name}`" if one.recorded else "–")
+        for one in signals_in_use()
+    ]
+    return markdown(("signal", "unit", "what it is", "column of its own"), rows)
+
+
+def effects() -> str:
+    """Return the effects that a chamber test may name."""
+    rows = [
+        (
+            f"`{one.name}`",
+            one.sentence.replace("{size}", "its size"),
+            one.experiment,
+            size_in_words(one.example) if one.example else "–",
+        )
+        for one in thermal_library().effects
+    ]
+    return markdown(("effect", "what it is", "what isolates it", "emulated example"), rows)
+
+
+def rig_terms() -> str:
+    """Return the groups of a SINS's errors on a rig."""
+    rows: Rows = []
+    for name, group in rig_library().groups.items():
+        made = [t for t in (group.term(channel) for channel in ALL_CHANNELS) if t is not None]
+        parameters = [c for t in made for c in t.coefficients]
+        first, told = parameters[0], group.told
+        rows.append(
+            (
+                f"`{name}`" + (", always" if group.basic else ""),
+                f"`{first.name}`" + (f" and {len(parameters) - 1} more" if parameters[1:] else ""),
+                made[0].sentence,
+                f"{group.prior_sigma / told.size:.4g} {told.unit}",
+                f"{first.unit}; told in {told.unit}",
+                group.formula or "–",
+            )
+        )
+    head = ("group", "parameters", "what it physically is", "prior, 1 σ", "unit", "in the formula")
+    return markdown(head, rows)
+
+
+def rig_effects() -> str:
+    """Return the effects that a rig run may name."""
+    rows = [
+        (f"`{one.name}`", one.sentence, one.follows, one.experiment)
+        for one in rig_library().by_name.values()
+    ]
+    return markdown(("effect", "what it is", "follows", "what isolates it"), rows)
 
 
 def _unit(unit: str) -> str:
@@ -230,7 +288,7 @@ def _fault_group(kind: FaultKind) -> str:
 def registers() -> str:
     """Return the register maps of the chamber controllers."""
     parts: list[str] = []
-    for model in get_args(ChamberConfig.model_fields["model"].annotation):
+    for model in CHAMBER_MODELS:
         book = load_map(model)
         parts.append(f"### {book.title} (`{model}`)\n")
         rows: Rows = []
@@ -263,6 +321,10 @@ def _column(table: sa.Table, column: sa.Column[Any], known: Mapping[str, str]) -
 
 TABLES: dict[str, Callable[[], str]] = {
     "terms": terms,
+    "signals": signals,
+    "effects": effects,
+    "rig-terms": rig_terms,
+    "rig-effects": rig_effects,
     "commands": commands,
     "faults": faults,
     "registers": registers,

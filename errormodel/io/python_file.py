@@ -27,6 +27,36 @@ class PythonFile:
         return str(self.path)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Source:
+    """A user's file that members of a library came from: its name, the SHA-256 of its text."""
+
+    name: str
+    sha256: str
+    members: frozenset[str]
+
+
+def sources_of(sources: Iterable[Source], names: Iterable[str]) -> tuple[Source, ...]:
+    """Return the files that some members came from."""
+    wanted = set(names)
+    return tuple(one for one in sources if one.members & wanted)
+
+
+def check_source(name: str, sha256: str, opened: Iterable[Source]) -> None:
+    """Check that a file which a model needs is open, as it was when the model was made.
+
+    Raises
+    ------
+    ValueError
+        If it is not.
+    """
+    if sha256 not in [one.sha256 for one in opened]:
+        raise ValueError(
+            f"needs the library {name}, SHA-256 {sha256[:12]}…; expected that file by --library, "
+            "as it was when this was made"
+        )
+
+
 def run_python_file(path: Path | str) -> PythonFile:
     """Run a file of Python.
 
@@ -36,6 +66,8 @@ def run_python_file(path: Path | str) -> PythonFile:
         If it cannot be read or fails.
     """
     path = Path(path)
+    if not path.is_file():
+        raise InputError(path, "", "no such file")
     try:
         content = path.read_bytes()
     except OSError as err:

@@ -3,8 +3,7 @@
 JSON. Values are SI in the order of `names`; `result_id` is a digest of the content.
 """
 
-import hashlib
-import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, TypeVar
 
@@ -12,8 +11,9 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from errormodel.arrays import FloatArray
-from errormodel.errors import InputError
-from errormodel.io.toml import check, read_text
+from errormodel.io.python_file import Source, check_source, sources_of
+from errormodel.io.signed import check_digest, content_digest, json_file_text, read_json
+from errormodel.io.toml import check
 from errormodel.terms import Description
 from sinscal.calibration.observability import GAUGE
 from sinscal.judgement.judge import Judged
@@ -70,6 +70,13 @@ class PriorValue(_Part):
     sigma: Sigma
 
 
+class LibraryFile(_Part):
+    """A file of the user's that groups or terms of the model come from."""
+
+    name: str
+    sha256: str
+
+
 class RunFacts(_Part):
     """The run it was made of."""
 
@@ -112,6 +119,7 @@ class ResultContent(_Part):
     protection: dict[str, Any] | None = None
     drift: tuple[dict[str, Any], ...] = ()
     not_tested: tuple[str, ...] = ()
+    library: tuple[LibraryFile, ...] = ()
     warnings: tuple[str, ...]
 
     @property
@@ -144,6 +152,8 @@ class RigResult(ResultContent):
     def _fits(self) -> Self:
         if self.format != FORMAT:
             raise ValueError(f"format must be {FORMAT}")
+        for part in self.library:
+            check_source(part.name, part.sha256, rig_library().sources)
         try:
             known = self.sensors.names
         except KeyError as err:
@@ -176,9 +186,22 @@ def make_result(judged: Judged, run: RigRun | NavRun) -> RigResult:
     """Make the result file of a calibration."""
     found = judged.found
     content = result_content(judged, run, rig_estimates(found))
+    groups = _groups(found.sensors)
     return signed(
-        RigResult(groups=_groups(found.sensors), steps=judged.steps, drifts=judged.terms, **content)
+        RigResult(
+            groups=groups,
+            steps=judged.steps,
+            drifts=judged.terms,
+            library=library_files(rig_library().sources, groups),
+            **content,
+        )
     )
+
+
+def library_files(sources: Sequence[Source], names: Sequence[str]) -> tuple[LibraryFile, ...]:
+    """Return the user's files that some groups or terms come from, as a result has them."""
+    found = sources_of(sources, names)
+    return tuple(LibraryFile(name=one.name, sha256=one.sha256) for one in found)
 
 
 def signed(result: R) -> R:
@@ -190,15 +213,15 @@ def result_digest(result: ResultContent) -> str:
     """Return the digest of a result's content."""
     content = result.model_dump(mode="json", exclude={"result_id"})
     # files made before these were known keep their digest
-    for later in ("protection", "drift", "drifts", "not_tested"):
+    for later in ("protection", "drift", "drifts", "not_tested", "library"):
         if not content.get(later):
             content.pop(later, None)
-    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:16]
+    return content_digest(content)
 
 
 def dump_result(result: ResultContent) -> str:
     """Return the text of RESULT.json."""
-    return json.dumps(result.model_dump(mode="json"), ensure_ascii=False, indent=1) + "\n"
+    return json_file_text(result, indent=1)
 
 
 def read_result(path: Path | str) -> RigResult:
@@ -212,20 +235,6 @@ def read_result(path: Path | str) -> RigResult:
     return checked_result(read_json(path), RigResult, path)
 
 
-def read_json(path: Path | str) -> Any:
-    """Read a JSON file.
-
-    Raises
-    ------
-    InputError
-        If it cannot be read or is no JSON.
-    """
-    try:
-        return json.loads(read_text(path))
-    except (ValueError, RecursionError) as err:
-        raise InputError(path, "", f"not JSON: {err}") from None
-
-
 def checked_result(data: Any, kind: type[R], path: Path | str) -> R:
     """Return what was read as a result of some kind.
 
@@ -235,8 +244,7 @@ def checked_result(data: Any, kind: type[R], path: Path | str) -> R:
         If a key is wrong, or it was changed by hand.
     """
     result = check(data, kind, path)
-    if result_digest(result) != result.result_id:
-        raise InputError(path, "result_id", "does not fit the content: the file was changed")
+    check_digest(result_digest(result), result.result_id, path, "result_id")
     return result
 
 

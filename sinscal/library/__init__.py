@@ -5,13 +5,13 @@ the effects made of them. The library collects what its modules hold; a file of 
 member more, for as long as a command runs.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 
 from errormodel.errors import InputError
-from errormodel.io.python_file import PythonFile, members_of
+from errormodel.io.python_file import PythonFile, Source, members_of
 from errormodel.terms import Description, Term
 from sinscal.library import accelerometer, angle, gyro, jump, lever
 from sinscal.library.groups import ALL_CHANNELS, ChannelId, Group, Kind, RigEffect
@@ -32,8 +32,8 @@ class RigLibrary:
         What the search may name.
     drifts : tuple of RigEffect
         What a calibration is tested for beside them.
-    own : frozenset of str
-        Groups that came from a file of the user's.
+    sources : tuple of Source
+        The files of the user's that are part of it.
 
     Raises
     ------
@@ -44,7 +44,7 @@ class RigLibrary:
     groups: Mapping[str, Group]
     effects: tuple[RigEffect, ...]
     drifts: tuple[RigEffect, ...]
-    own: frozenset[str] = frozenset()
+    sources: tuple[Source, ...] = ()
 
     def __post_init__(self) -> None:
         for effect in self.effects:
@@ -132,7 +132,7 @@ class RigLibrary:
         return "; ".join(g.signs for g in self.groups.values() if g.signs)
 
     def with_members(
-        self, groups: Sequence[Group], effects: Sequence[RigEffect], source: str
+        self, groups: Sequence[Group], effects: Sequence[RigEffect], source: Source
     ) -> "RigLibrary":
         """Return the library with members of a user's own.
 
@@ -143,19 +143,19 @@ class RigLibrary:
         """
         for one, known in ((g, self.groups) for g in groups):
             if one.name in known:
-                raise InputError(source, "GROUPS", f"{one.name} is in the library already")
+                raise InputError(source.name, "GROUPS", f"{one.name} is in the library already")
         for effect in effects:
             if effect.name in self.by_name:
-                raise InputError(source, "EFFECTS", f"{effect.name} is in the library already")
+                raise InputError(source.name, "EFFECTS", f"{effect.name} is in the library already")
         try:
             return RigLibrary(
                 groups={**self.groups, **{g.name: g for g in groups}},
                 effects=(*self.effects, *effects),
                 drifts=self.drifts,
-                own=self.own | {g.name for g in groups},
+                sources=(*self.sources, source),
             )
         except LookupError as err:
-            raise InputError(source, "EFFECTS", str(err)) from None
+            raise InputError(source.name, "EFFECTS", str(err)) from None
 
 
 STANDARD = RigLibrary(
@@ -172,7 +172,7 @@ def rig_library() -> RigLibrary:
 
 
 @contextmanager
-def using_rig_library(library: RigLibrary) -> Iterator[RigLibrary]:
+def using_rig_library(library: RigLibrary) -> Generator[RigLibrary]:
     """Use a library until the end of the block: what a command does with a file of its user's."""
     _in_use.append(library)
     try:
@@ -191,4 +191,7 @@ def with_rig_file(file: PythonFile) -> RigLibrary:
     """
     groups = members_of(file, "GROUPS", Group)
     effects = [e for e in members_of(file, "EFFECTS", object) if isinstance(e, RigEffect)]
-    return rig_library().with_members(groups, effects, file.source)
+    source = Source(
+        name=file.path.name, sha256=file.sha256, members=frozenset(g.name for g in groups)
+    )
+    return rig_library().with_members(groups, effects, source)

@@ -103,7 +103,7 @@ DELAY = Group(
     make=_delay,
     prior_sigma=0.005,
     told=Told(unit="ms", size=1e-3),
-    formula="τ·(f × ω)",
+    formula="τ·(ω × f)",
 )
 TEMPERATURE_BIAS = Group(
     name="accel_temperature_bias",

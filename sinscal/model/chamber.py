@@ -17,7 +17,7 @@ from errormodel.terms import in_unit, on_axis
 from sinscal.library import rig_library
 from sinscal.library.groups import CHANNELS
 from sinscal.model.priors import PriorFile, RigPrior, make_prior
-from sinscal.model.sensors import SensorModel, sensor_model
+from sinscal.model.sensors import CHAMBER_SIGNALS, SensorModel, sensor_model
 from sinscal.recording.run import AXES, RigRun
 
 # The mounting in the block says where the input axis points: the case's own angles go into it.
@@ -27,8 +27,11 @@ CHAMBERS_OWN = ("accel_bias", "accel_scale", "accel_temperature_bias", "accel_te
 # The accelerometers' k1 by name, and their k0 with the k1 of the same axis.
 SCALES = tuple(f"k1_{a}" for a in AXES)
 ZEROS = {f"k0_{a}": f"k1_{a}" for a in AXES}
-AT_REFERENCE = {f"k0_{a}": f"accel_bias_{a}" for a in AXES}
-AT_REFERENCE |= {f"k1_{a}": f"accel_scale_{a}" for a in AXES}
+AT_REFERENCE = {
+    f"{name}_{a}": f"{error}_{a}"
+    for name, error in (("k0", "accel_bias"), ("k1", "accel_scale"))
+    for a in AXES
+}
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -98,7 +101,8 @@ def combined_sensors(
     Raises
     ------
     InputError
-        If the models do not share their g and reference temperature.
+        If the models do not share their g and reference temperature, or one has a term whose
+        signals a rig run does not give.
     """
     _check(chambers)
     first = chambers[0]
@@ -118,6 +122,11 @@ def combined_sensors(
 def _check(chambers: Sequence[ChamberModel]) -> None:
     if len(chambers) != 3:
         raise InputError("the chamber models", "", f"{len(chambers)} given, expected three: x y z")
+    for chamber in chambers:
+        for one in chamber.model.terms:
+            if missing := sorted(one.needs - CHAMBER_SIGNALS):
+                problem = f"needs {', '.join(missing)}, which a run on a rig does not have"
+                raise InputError(f"serial {chamber.serial}", one.name, problem)
     for one in chambers[1:]:
         for name in ("gravity_m_s2", "t_ref_c"):
             if getattr(one, name) != getattr(chambers[0], name):

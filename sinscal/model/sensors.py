@@ -28,6 +28,8 @@ from sinscal.recording.run import AXES, rate_derivative
 T_REF_C = 25.0
 # A chamber's terms see temperature smoothed as in the chamber; a rig's temperature is smooth.
 RATE_WINDOW_S = 120.0
+# What a chamber's terms may use on a rig, beside the sensors' own signals.
+CHAMBER_SIGNALS = TEMPERATURES | {"a_i_g", "a_p_g", "a_o_g"}
 # What is not linear is 1e-3 of the motion at most: each step of the inverse leaves less of it.
 INVERSE_STEPS = 6
 LEFT = 1e-12  # m/s² of what is measured, where the inverse ends
@@ -173,7 +175,7 @@ class SensorModel:
         Newton's steps with the slope at rest: what is linear, most of all errors, takes one. Each
         step leaves about the same share of what it found, and the last is not looked at again.
         """
-        inverse, offset = self._at_rest(motion, values)
+        inverse, offset = self.at_rest(motion, values)
         measured = np.array([*motion.w.T, *motion.f.T])
         now = inverse @ (measured - offset[:, None])
         true = _moved_to(motion, now)
@@ -233,7 +235,7 @@ class SensorModel:
         mine = dict(zip(model.names, values[self.places[6]].tolist(), strict=True))
         return model.simulate(_angle_record(angle, turn), mine) - angle
 
-    def _at_rest(self, motion: Motion, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def at_rest(self, motion: Motion, values: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the inverse of measured by true, (6, 6), and the errors without any motion, (6,).
 
         By seven trial motions, so small that only what is linear shows.

@@ -10,7 +10,7 @@ from errormodel.fit import fit, fit_values
 from errormodel.model import ErrorModel
 from errormodel.noise.drift import NoiseModel
 from errormodel.record import Record
-from thermo.library.terms import term
+from thermo.library import term
 
 NAMES = ("k1", "k1_t1", "k0", "k0_t1", "thermal_lag", "bias_hysteresis", "turn_on_offset_1")
 START = {"thermal_lag": 90.0, "bias_hysteresis_width": 8.0}

@@ -10,14 +10,15 @@ from errormodel.record import Record
 from thermo.compensation.model_file import AccelerometerModel, ModelFile
 from thermo.compensation.prediction import prediction_sigma_g
 from thermo.recording.channel import (
-    RATE_WINDOW_S,
     Channel,
     channel_of,
+    refuse_without_signals,
     refuse_without_temperature,
     rows_of,
 )
 from thermo.recording.files import RecordedRuns
 from thermo.recording.runs import BoolArray
+from thermo.recording.signals import RATE_WINDOW_S
 from thermo.selection.support import FORCE_MARGIN_G, within
 
 # Each pass takes the gain at the reference temperature for the gain: what is left shrinks by the
@@ -121,7 +122,8 @@ def compensate(runs: RecordedRuns, models: ModelFile) -> Compensated:
     ------
     InputError
         If an accelerometer has no model, its output unit is not the model's, its temperature is
-        not recorded, or the model remembers and the readings are not whole runs.
+        not recorded, a signal it needs is not, or the model remembers and the readings are not
+        whole runs.
     """
     n = len(runs)
     accel, done, sigma = np.full(n, np.nan), np.full(n, np.nan), np.full(n, np.nan)
@@ -130,13 +132,16 @@ def compensate(runs: RecordedRuns, models: ModelFile) -> Compensated:
     for serial in runs.serials:
         model = models.of(serial)
         refuse_without_temperature(runs, serial)
-        rows = rows_of(runs, serial, measured)
+        needs = model.error_model().needs
+        known = [np.isfinite(values) for name, values in runs.more.items() if name in needs]
+        rows = rows_of(runs, serial, np.logical_and.reduce([measured, *known]))
         if rows.size == 0:
             continue
         channel = channel_of(runs, serial, t_ref_c=model.t_ref_c, rows=rows)
         if channel.output_unit != model.output_unit:
             problem = f"output in {channel.output_unit}, the model is for {model.output_unit}"
             raise InputError(runs.source, f"serial {serial}", problem)
+        refuse_without_signals(model.error_model(), channel, runs.source)
         _refuse_pieces(channel, model, runs.source)
         accel[rows] = np.asarray(channel.record.output)
         done[rows] = compensate_channel(channel, model)

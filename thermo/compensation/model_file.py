@@ -4,24 +4,44 @@ JSON. Coefficients stand in the units of the report (µg, ppm, …) with their s
 in the same units and in the order of `names`. `model_id` is a digest of the content.
 """
 
-import hashlib
-import json
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
-from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import (
+    Field,
+    SerializerFunctionWrapHandler,
+    model_serializer,
+    model_validator,
+)
 
 from errormodel.arrays import FloatArray
 from errormodel.errors import InputError
 from errormodel.fit import ModelFit
-from errormodel.io.toml import check, read_text
+from errormodel.io.python_file import check_source, sources_of
+from errormodel.io.signed import (
+    check_digest,
+    content_digest,
+    json_file_text,
+    read_json,
+    software_name,
+)
+from errormodel.io.toml import check
 from errormodel.model import ErrorModel
+from thermo.compensation.model_parts import (
+    CoefficientValue,
+    Finite,
+    InsidePart,
+    LibraryPart,
+    Part,
+    SupportPart,
+    UnseenPart,
+)
 from thermo.fitting.fit import AccelerometerFit
-from thermo.library.terms import LIBRARY, term
+from thermo.fitting.terms_wanted import check_terms
+from thermo.library import term, thermal_library
 
 FORMAT = "accelbench-model"
 EQUATION = (
@@ -36,44 +56,8 @@ CLIP_RULE = (
     "beyond support.force_g by more than 0.1 g outside_input"
 )
 
-Finite = Annotated[float, Field(allow_inf_nan=False)]
 
-
-class _Part(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class CoefficientValue(_Part):
-    """One coefficient as reported."""
-
-    value: Finite
-    sigma: Annotated[float, Field(ge=0, allow_inf_nan=False)]
-    unit: str
-
-
-class SupportPart(_Part):
-    """Where there were readings."""
-
-    temp_c: tuple[tuple[Finite, Finite], ...]
-    force_g: dict[str, tuple[Finite, Finite]]
-
-
-class InsidePart(_Part):
-    """The coefficients at a temperature within the readings."""
-
-    t_ref_c: Finite
-    coefficients: dict[str, CoefficientValue]
-
-
-class UnseenPart(_Part):
-    """A polynomial order that the readings do not limit: what it may put wrong, 1 sigma."""
-
-    family: Literal["k0", "k1"]
-    order: int
-    moves: dict[str, Finite]
-
-
-class AccelerometerModel(_Part):
+class AccelerometerModel(Part):
     """One accelerometer's model, ready to apply."""
 
     serial: str
@@ -97,12 +81,20 @@ class AccelerometerModel(_Part):
     run_to_run: dict[str, Finite] | None = None
     inside: InsidePart | None = None
     unseen: tuple[UnseenPart, ...] = ()
+    library: tuple[LibraryPart, ...] = ()
+
+    @model_serializer(mode="wrap")
+    def _without_empty_library(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        content: dict[str, Any] = handler(self)
+        if not self.library:
+            content.pop("library", None)
+        return content
 
     @model_validator(mode="after")
     def _check(self) -> "AccelerometerModel":
-        for name in self.terms:
-            if name not in LIBRARY:
-                raise ValueError(f"no term {name!r}; expected some of {', '.join(LIBRARY)}")
+        for part in self.library:
+            check_source(part.name, part.sha256, thermal_library().sources)
+        check_terms(self.terms)
         expected = self.error_model().names
         if set(self.coefficients) != set(expected) or tuple(self.names) != expected:
             raise ValueError(f"coefficients and names must be those of the terms: {expected}")
@@ -138,7 +130,7 @@ class AccelerometerModel(_Part):
         return {name: self.coefficients[name].value / factors[name] for name in self.names}
 
 
-class ModelFile(_Part):
+class ModelFile(Part):
     """A model file, with the models of one or more accelerometers."""
 
     format: Literal["accelbench-model"]
@@ -232,6 +224,7 @@ def run_to_run_of(one: AccelerometerFit) -> dict[str, float] | None:
 
 
 def _unseen_of(one: AccelerometerFit) -> list[dict[str, Any]]:
+    known = thermal_library().parameters
     return [
         {
             "family": u.family,
@@ -239,7 +232,7 @@ def _unseen_of(one: AccelerometerFit) -> list[dict[str, Any]]:
             "moves": {
                 name: move * (one.own_scale if name == "k1" else 1e6)
                 for name, move in u.moves.items()
-                if name == "k1" or name.startswith(("k0", "k1_t")) or name in one.fit.names
+                if known[name].family in ("k0", "k1") or name in one.fit.names
             },
         }
         for u in one.doubts.unseen
@@ -279,6 +272,10 @@ def model_of(one: AccelerometerFit) -> AccelerometerModel:
             "run_to_run": run_to_run_of(one),
             "inside": inside_of(one),
             "unseen": _unseen_of(one),
+            "library": [
+                {"name": s.name, "sha256": s.sha256}
+                for s in sources_of(thermal_library().sources, [t.name for t in fitted.model.terms])
+            ],
         }
     )
 
@@ -291,7 +288,7 @@ def make_model_file(fits: Sequence[AccelerometerFit]) -> ModelFile:
             "format": FORMAT,
             "model_id": model_digest(accelerometers),
             "created_utc": datetime.now(UTC).isoformat(timespec="seconds"),
-            "software": f"accelbench {version('accelbench')}",
+            "software": software_name(),
             "accelerometers": accelerometers,
         }
     )
@@ -299,13 +296,12 @@ def make_model_file(fits: Sequence[AccelerometerFit]) -> ModelFile:
 
 def model_digest(accelerometers: Sequence[Mapping[str, Any]]) -> str:
     """Return the digest of a model file's accelerometers, as JSON holds them: its `model_id`."""
-    text = json.dumps(accelerometers, sort_keys=True, separators=(",", ":"))
-    return hashlib.sha256(text.encode()).hexdigest()[:16]
+    return content_digest(accelerometers, compact=True)
 
 
 def dump_model(model: ModelFile) -> str:
     """Return a model file's text."""
-    return json.dumps(model.model_dump(mode="json"), indent=2, ensure_ascii=False) + "\n"
+    return json_file_text(model, indent=2)
 
 
 def read_model(path: Path | str) -> ModelFile:
@@ -316,15 +312,11 @@ def read_model(path: Path | str) -> ModelFile:
     InputError
         If it is not one, or was changed after it was written (its `model_id` no longer fits).
     """
-    try:
-        data = json.loads(read_text(path))
-    except (json.JSONDecodeError, RecursionError) as err:
-        raise InputError(path, "", f"not JSON: {err}") from None
+    data = read_json(path)
     model = check(data, ModelFile, path)
     # as written: a key that a later version added is not in an older file's digest
     accelerometers = [
         one.model_dump(mode="json", exclude_unset=True) for one in model.accelerometers
     ]
-    if model_digest(accelerometers) != model.model_id:
-        raise InputError(path, "model_id", "does not fit the content: the file was changed by hand")
+    check_digest(model_digest(accelerometers), model.model_id, path, "model_id")
     return model

@@ -6,6 +6,7 @@ from errormodel.arrays import FloatArray
 from errormodel.columns import derivative
 from errormodel.record import Record
 from thermo.compensation.model_file import AccelerometerModel
+from thermo.library import thermal_library
 from thermo.recording.channel import Channel
 
 STEP_G = 1e-4
@@ -72,6 +73,6 @@ def _unseen(model: AccelerometerModel, columns: FloatArray, x: FloatArray) -> Fl
             if name in model.names:
                 inside += own * columns[:, model.names.index(name)]
             else:
-                beyond += own * base * x ** int(name.rpartition("_t")[2])
+                beyond += own * base * x ** thermal_library().parameters[name].order
         total += (inside + beyond) ** 2 - inside**2
     return total

@@ -27,8 +27,8 @@ from thermo.discrepancy.shared import SharedEffect, Unlike, shared_effects
 from thermo.discrepancy.source import Fitted, ThermalSource
 from thermo.discrepancy.words import EffectFound, effects_found, where_text
 from thermo.fitting.fit import TermsFile
-from thermo.library.effects import EFFECTS, ThermalEffect
-from thermo.recording.channel import Channel, channel_of
+from thermo.library.effects import ThermalEffect
+from thermo.recording.channel import Channel, channel_of, refuse_without_signals
 from thermo.recording.files import RecordedRuns
 from thermo.selection.orders import mounted
 
@@ -103,7 +103,7 @@ def find_discrepancy(
     runs: RecordedRuns,
     *,
     model: TermsFile | Literal["bare"] | None = None,
-    effects: Sequence[ThermalEffect] = EFFECTS,
+    effects: Sequence[ThermalEffect] | None = None,
     rules: Rules | None = None,
     draws: int = DRAWS,
     seed: int = 1,
@@ -164,7 +164,11 @@ def _baseline(model: TermsFile | Literal["bare"] | None, channel: Channel) -> Er
     """Return the present model of an accelerometer."""
     if model == "bare":
         return bare_baseline(channel)
-    return (model.model() if model else None) or fitted_baseline(channel)
+    given = model.model() if model else None
+    if given is None:
+        return fitted_baseline(channel)
+    refuse_without_signals(given, channel, "recorded runs")
+    return given
 
 
 def _silent(line: str) -> None:

@@ -14,7 +14,7 @@ from errormodel.discrepancy.floor import NoiseFloor
 from errormodel.discrepancy.problem import independent
 from thermo.discrepancy.held_out import reading_residual_ug
 from thermo.discrepancy.source import Fitted, ThermalSource
-from thermo.library.passing import foreseen
+from thermo.library.effects import foreseen
 
 DRAWS = 80
 

@@ -10,7 +10,8 @@ from errormodel.discrepancy.scan import View
 from errormodel.noise.shapes import drifting
 from thermo.discrepancy.baseline import bare_baseline
 from thermo.discrepancy.source import ThermalSource
-from thermo.library.effects import EFFECTS, ThermalEffect
+from thermo.library import thermal_library
+from thermo.library.effects import ThermalEffect
 from thermo.library.passing import MAX_RUNS
 from thermo.planning.foresight import ASSUMED_NOISE, planned_channel
 from thermo.planning.plan import RunPlan
@@ -46,7 +47,7 @@ def foresee_effects(
     *,
     t_ref_c: float = 25.0,
     mount_deg: float = 0.0,
-    effects: Sequence[ThermalEffect] = EFFECTS,
+    effects: Sequence[ThermalEffect] | None = None,
 ) -> EffectsForeseen:
     """Foresee which effects the runs will show beside bias and scale factor over temperature.
 
@@ -59,8 +60,9 @@ def foresee_effects(
     mount_deg : float
         How far the accelerometer is mounted turned on the head, °.
     effects : sequence of ThermalEffect
-        The library.
+        By default those of the library in use.
     """
+    effects = thermal_library().effects if effects is None else effects
     channel = planned_channel(runs[:MAX_RUNS], t_ref_c, mount_deg)
     model = bare_baseline(channel)
     # a lag shows only in what depends on temperature: the emulated type's coefficients

@@ -12,7 +12,7 @@ from errormodel.errors import NotSeparableError
 from errormodel.noise.shapes import NoiseShape
 from errormodel.terms import Term
 from thermo.discrepancy.source import Fitted, ThermalSource
-from thermo.library.passing import foreseen
+from thermo.library.effects import foreseen
 from thermo.recording.channel import Channel
 
 # Predictions weigh readings alike: the smallest rms, whatever colour the noise is taken to have.

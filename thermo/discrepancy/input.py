@@ -3,7 +3,8 @@
 import numpy as np
 
 from errormodel.errors import InputError
-from thermo.library.passing import MAX_MOUNTINGS, MAX_RUNS
+from thermo.library.head import MAX_MOUNTINGS
+from thermo.library.passing import MAX_RUNS
 from thermo.recording.channel import Channel
 from thermo.recording.units_check import SCALE_RANGE
 

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 from errormodel.discrepancy.foresight import NAMEABLE_D
 from thermo.discrepancy.words import ParameterValue
-from thermo.library.terms import term
+from thermo.library import term
 
 if TYPE_CHECKING:
     from thermo.discrepancy.find import Discrepancy

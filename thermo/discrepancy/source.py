@@ -1,6 +1,5 @@
 """The engine's problem of one accelerometer's chamber runs: signatures of effects, refits."""
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -24,14 +23,15 @@ from errormodel.record import Record
 from errormodel.terms import InputChange, Term
 from thermo.discrepancy.blocks import Blocks, blocks_of
 from thermo.discrepancy.factors import Seen, factors_of, saturated_columns
-from thermo.library.effects import EFFECTS, Context, Form, ThermalEffect, context_of
-from thermo.library.terms import STATIC_NAMES, term
+from thermo.library import STATIC_NAMES, term, thermal_library
+from thermo.library.effects import Context, Form, ThermalEffect, context_of
+from thermo.library.polynomial import ORDER_NAMES
 from thermo.recording.channel import Channel
+from thermo.recording.runs import FORCES
 
 MICRO = 1e6
 REFITS = 8
 STEP_TRIALS = 320  # instants at which a step is tried
-ORDER = re.compile(r"k[01]_t\d")  # an order of the equation's polynomials
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -58,10 +58,13 @@ class ThermalSource:
     """A channel, its present model and the library, as the engine asks for them."""
 
     def __init__(
-        self, channel: Channel, model: ErrorModel, effects: Sequence[ThermalEffect] = EFFECTS
+        self,
+        channel: Channel,
+        model: ErrorModel,
+        effects: Sequence[ThermalEffect] | None = None,
     ) -> None:
         self.channel, self.model = channel, model
-        self.effects = tuple(effects)
+        self.effects = thermal_library().effects if effects is None else tuple(effects)
         self.blocks: Blocks = blocks_of(channel)
         self.seen = Seen(channel, self.blocks)
         self._context = self._make_context()
@@ -112,7 +115,7 @@ class ThermalSource:
     def holds_some(self, effect: ThermalEffect) -> bool:
         """Tell whether the present model has a term of an effect; an order is one of its own."""
         plain = {n for form in self._alone(effect)[:1] for n in form.terms}
-        return any(not ORDER.fullmatch(n) for n in plain & self._context.term_names)
+        return bool(plain & self._context.term_names - ORDER_NAMES)
 
     def _alone(self, effect: ThermalEffect) -> Sequence[Form]:
         """Return the forms of an effect beside a model without any term."""
@@ -264,14 +267,17 @@ class _Candidates:
             forms = self.source.forms(effect)
             if not forms or not self._possible(forms[0]):
                 continue
-            rich = self._candidate(effect, forms[1], None) if len(forms) > 1 else None
+            richer = [form for form in forms[1:2] if self._possible(form)]
+            rich = self._candidate(effect, richer[0], None) if richer else None
             made.append(self._candidate(effect, forms[0], rich))
         return tuple(made)
 
     def _possible(self, form: Form) -> bool:
-        """Tell whether the input that an effect needs is known."""
+        """Tell whether the input and the signals that an effect needs are known."""
         effects = [term(n) for n in form.terms]
-        needy = any(n.startswith("a_") for e in effects for n in e.needs) or any(
+        if any(e.needs - set(self.record.signals) for e in effects):
+            return False
+        needy = any(e.needs & set(FORCES) for e in effects) or any(
             isinstance(e, Term) and e.place == "scale" for e in effects
         )
         return self.source.channel.has_input or not needy
@@ -296,7 +302,7 @@ class _Candidates:
             # one run tells nothing of what repeats: everything is judged beside its own noise
             event=effect.event or self.source.seen.runs == 1,
             richer=rich,
-            joint=all(n in STATIC_NAMES or ORDER.fullmatch(n) for n in form.terms),
+            joint=ORDER_NAMES.issuperset(set(form.terms) - set(STATIC_NAMES)),
         )
 
     def _columns(self, form: Form, values: Mapping[str, float]) -> FloatArray:

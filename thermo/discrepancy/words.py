@@ -1,6 +1,5 @@
 """The verdict in words: effects with their sizes, and where the disagreement is."""
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -12,6 +11,7 @@ from errormodel.discrepancy.floor import NoiseFloor
 from errormodel.discrepancy.gate import FactorFinding, Judgement
 from errormodel.model import ErrorModel
 from thermo.discrepancy.source import Fitted, ThermalSource
+from thermo.library import thermal_library
 
 FACTOR_WORDS: Mapping[str, str] = {
     "temperature": "follows temperature, the same on the way up and down",
@@ -114,15 +114,10 @@ def effects_found(
 
 def _size(parameters: Mapping[str, ParameterValue]) -> str:
     """Return the sizes in words, the first three; those after the first with what they are."""
-    (first, size), *more = list(parameters.items())[:3]
-    named = [f"{_label(name, first)} {_digits(p)} {p.unit}" for name, p in more]
+    known = thermal_library().parameters
+    (_, size), *more = list(parameters.items())[:3]
+    named = [f"{known[name].label} {_digits(p)} {p.unit}" for name, p in more]
     return ", ".join([f"{_digits(size)} {size.unit}", *named])
-
-
-def _label(name: str, first: str) -> str:
-    """Return an unknown's name without what the effect's first one says, and without its unit."""
-    own = name.removeprefix(f"{first}_")
-    return own if own == name else re.sub(r"_(h|s|c)$", "", own).replace("_", " ")
 
 
 def _digits(value: ParameterValue) -> str:

@@ -7,7 +7,7 @@ import numpy as np
 
 from errormodel.arrays import FloatArray
 from thermo.fitting.fit import AccelerometerFit
-from thermo.library.terms import MAX_ORDER
+from thermo.library import MAX_ORDER
 from thermo.recording.channel import COOLING, HEATING
 from thermo.selection.orders import WORTH, OrderTrial
 from thermo.selection.residuals import CELL_C, ResidualSummary

@@ -13,8 +13,14 @@ from errormodel.noise.drift import NoiseModel
 from errormodel.progress import track
 from errormodel.run_effects import RunEffect
 from thermo.fitting.terms_wanted import TermsFile, read_terms
-from thermo.recording.channel import Channel, channel_of, refuse_without_temperature
+from thermo.recording.channel import (
+    Channel,
+    channel_of,
+    refuse_without_signals,
+    refuse_without_temperature,
+)
 from thermo.recording.files import RecordedRuns
+from thermo.recording.runs import FORCES
 from thermo.selection.orders import BY_RUN, Selection, scaled, select_model
 from thermo.selection.residuals import ResidualSummary, constants_only_ug, summarise
 from thermo.selection.support import Support, settled, support_of
@@ -241,17 +247,14 @@ def _times_k1(found: ModelFit, k1: float) -> ModelFit:
 
 
 def _check_inputs(terms: TermsFile, model: ErrorModel, channel: Channel, source: str) -> None:
-    """Refuse what needs an input the recording does not give, in words."""
+    """Refuse what needs an input or a signal that the recording does not give, in words."""
+    refuse_without_signals(model, channel, source)
     if channel.has_input:
         return
     if terms.head_arcsec:
         what = "head_arcsec needs the head's angle; give position_deg"
         raise InputError(source, f"serial {channel.serial}", what)
-    needy = [
-        t.name
-        for t in model.terms
-        if t.name == "k1" or any(s.startswith("a_") for s in t.needs) or _scales(t)
-    ]
+    needy = [t.name for t in model.terms if t.name == "k1" or t.needs & set(FORCES) or _scales(t)]
     if needy:
         raise InputError(
             source,

@@ -1,5 +1,6 @@
 """TERMS.toml: what a fit is asked to do in place of what it would choose."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -7,7 +8,22 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator, model_valida
 
 from errormodel.io.toml import read_toml
 from errormodel.model import ErrorModel
-from thermo.library.terms import LIBRARY, term
+from thermo.library import term
+
+
+def check_terms(names: Sequence[str]) -> None:
+    """Check that the library in use has every term named.
+
+    Raises
+    ------
+    ValueError
+        If it has not; the message lists the terms.
+    """
+    for name in names:
+        try:
+            term(name)
+        except KeyError as err:
+            raise ValueError(err.args[0]) from None
 
 
 class TermsFile(BaseModel):
@@ -27,9 +43,7 @@ class TermsFile(BaseModel):
     @field_validator("terms")
     @classmethod
     def _known(cls, names: tuple[str, ...] | None) -> tuple[str, ...] | None:
-        for name in names or ():
-            if name not in LIBRARY:
-                raise ValueError(f"no term {name!r}; expected some of {', '.join(LIBRARY)}")
+        check_terms(names or ())
         if names is not None and len(set(names)) != len(names):
             raise ValueError("a term stands twice")
         return names

@@ -1,1 +1,163 @@
-"""Terms of accelerometers over temperature, and the effects that they make up."""
+"""Errors of accelerometers over temperature, one file a physical family.
+
+Each module holds its terms with their priors and units, and the effects made of them with their
+sentences, the experiments that isolate them and an example for the emulator. The library collects
+what its modules hold; a file of a user's own is one member more, for as long as a command runs.
+"""
+
+from collections.abc import Callable, Generator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cached_property
+from typing import cast
+
+from errormodel.errors import InputError
+from errormodel.io.python_file import PythonFile, Source, members_of
+from errormodel.terms import Description, Effect
+from thermo.library import head, lag, loop, passing, polynomial, rate, readout, static
+from thermo.library.effects import ThermalEffect
+from thermo.library.polynomial import MAX_ORDER
+from thermo.library.static import STATIC_NAMES
+
+__all__ = [
+    "MAX_ORDER",
+    "STATIC_NAMES",
+    "ThermalLibrary",
+    "term",
+    "thermal_library",
+    "using_thermal_library",
+    "with_thermal_file",
+]
+
+MODULES = (polynomial, static, rate, loop, lag, passing, head, readout)
+Maker = Callable[[], Effect]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ThermalLibrary:
+    """Terms by name, and effects that may be missing from a model.
+
+    Attributes
+    ----------
+    terms : mapping of str to callable
+        Each makes its term.
+    effects : tuple of ThermalEffect
+    sources : tuple of Source
+        The files of the user's that are part of it.
+    """
+
+    terms: Mapping[str, Maker]
+    effects: tuple[ThermalEffect, ...]
+    sources: tuple[Source, ...] = ()
+
+    @cached_property
+    def by_name(self) -> Mapping[str, ThermalEffect]:
+        """The effects by name."""
+        return {e.name: e for e in self.effects}
+
+    @cached_property
+    def parameters(self) -> Mapping[str, Description]:
+        """What every coefficient and nonlinear parameter is, by its name."""
+        made = (make() for make in self.terms.values())
+        return {u.name: u for t in made for u in (*t.coefficients, *t.parameters)}
+
+    def term(self, name: str) -> Effect:
+        """Return a term by its name.
+
+        Raises
+        ------
+        KeyError
+            If there is none; the message lists the names.
+        """
+        if name not in self.terms:
+            raise KeyError(
+                f"no term {name!r}; expected some of {', '.join(self.terms)}; one of your own "
+                "needs --library FILE"
+            )
+        return self.terms[name]()
+
+    def with_members(
+        self, terms: Mapping[str, Maker], effects: Sequence[ThermalEffect], source: Source
+    ) -> "ThermalLibrary":
+        """Return the library with members of a user's own.
+
+        Raises
+        ------
+        InputError
+            If a name stands in the library already, or a maker does not give the term named.
+        """
+        for name, make in terms.items():
+            if name in self.terms:
+                raise InputError(source.name, "TERMS", f"{name} is in the library already")
+            try:
+                made = cast(object, make())
+            except Exception as err:
+                problem = f"{name}: {type(err).__name__}: {err}"
+                raise InputError(source.name, "TERMS", problem) from None
+            if not isinstance(made, Effect) or made.name != name:
+                raise InputError(source.name, "TERMS", f"{name}: expected a term of that name")
+        for effect in effects:
+            if effect.name in self.by_name:
+                raise InputError(source.name, "EFFECTS", f"{effect.name} is in the library already")
+        return ThermalLibrary(
+            terms={**self.terms, **terms},
+            effects=(*self.effects, *effects),
+            sources=(*self.sources, source),
+        )
+
+
+STANDARD = ThermalLibrary(
+    terms={name: make for module in MODULES for name, make in module.TERMS.items()},
+    effects=tuple(e for module in MODULES for e in module.EFFECTS),
+)
+_in_use = [STANDARD]
+
+
+def thermal_library() -> ThermalLibrary:
+    """Return the library in use: the standard one, or one `using_thermal_library` has opened."""
+    return _in_use[-1]
+
+
+@contextmanager
+def using_thermal_library(library: ThermalLibrary) -> Generator[ThermalLibrary]:
+    """Use a library until the end of the block: what a command does with a file of its user's."""
+    _in_use.append(library)
+    try:
+        yield library
+    finally:
+        _in_use.remove(library)
+
+
+def with_thermal_file(file: PythonFile) -> ThermalLibrary:
+    """Return the library in use with the terms and effects of a user's file.
+
+    The file defines `TERMS`, a mapping of names to functions that make terms, and `EFFECTS`, a
+    sequence that may hold `thermo.library.effects.ThermalEffect`.
+
+    Raises
+    ------
+    InputError
+        If the file's members are not what they should be.
+    """
+    given: object = getattr(file.module, "TERMS", {})
+    if not isinstance(given, Mapping) or not all(
+        isinstance(name, str) and callable(make)
+        for name, make in cast(Mapping[object, object], given).items()
+    ):
+        problem = "expected a mapping of names to functions that make terms"
+        raise InputError(file.path, "TERMS", problem)
+    terms = cast(Mapping[str, Maker], given)
+    effects = [e for e in members_of(file, "EFFECTS", object) if isinstance(e, ThermalEffect)]
+    source = Source(name=file.path.name, sha256=file.sha256, members=frozenset(terms))
+    return thermal_library().with_members(terms, effects, source)
+
+
+def term(name: str) -> Effect:
+    """Return a term of the library in use by its name.
+
+    Raises
+    ------
+    KeyError
+        If there is none; the message lists the names.
+    """
+    return thermal_library().term(name)

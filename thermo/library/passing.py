@@ -1,37 +1,24 @@
-"""Terms that depend on time, on the run, on the head or on the readout, for missing effects.
+"""What belongs to a campaign, a power-on or a moment: bias that relaxes, jumps or drifts."""
 
-Signals besides those of `thermo.library.terms`: `elapsed_h`, hours since the first run began (from
-the recorded starts of the runs, or with the runs laid end to end where these are not known).
-"""
+from collections.abc import Callable, Sequence
 
-from collections.abc import Callable
-
-import numba
 import numpy as np
 
-from errormodel.arrays import FloatArray
-from errormodel.record import Record
-from errormodel.terms import (
-    Coefficient,
-    Effect,
-    InputChange,
-    Memory,
-    Parameter,
-    Term,
-    Values,
-    by_run,
-    memoryless,
+from errormodel.terms import Effect, Parameter, Term
+from thermo.library.effects import (
+    EVENT_SHARE,
+    MICRO,
+    Context,
+    Example,
+    Form,
+    ThermalEffect,
+    log_grid,
+    millionths,
+    one_column,
+    plain_form,
 )
 
-MICRO = 1e6
 MAX_RUNS = 12  # whose turn-on offsets have names
-MAX_MOUNTINGS = 5  # whose angles have names
-# Play radii of a loop of many hysterons, °C: from hardly a loop to half the widest chamber range.
-PLAY_RADII_C = (1.5, 4.0, 9.0, 18.0, 36.0)
-
-
-def _coefficient(name: str, symbol: str, unit: str) -> Coefficient:
-    return Coefficient(name=name, symbol=symbol, unit=unit, per_unit=MICRO, min_share=1e-3)
 
 
 def run_in() -> Term:
@@ -40,11 +27,20 @@ def run_in() -> Term:
         name="run_in",
         sentence="Stress from assembly relaxes: the bias dies away over the campaign.",
         place="input",
-        coefficients=(_coefficient("run_in", "A", "µg"),),
+        coefficients=(millionths("run_in", "A", "µg"),),
         columns=lambda r, v, m: (np.exp(-r["elapsed_h"] / v["run_in_tau_h"])[:, None], m),
         needs=frozenset(["elapsed_h"]),
         parameters=(
-            Parameter(name="run_in_tau_h", symbol="τ", unit="h", lo=0.2, hi=200.0, start=5.0),
+            Parameter(
+                name="run_in_tau_h",
+                symbol="τ",
+                unit="h",
+                lo=0.2,
+                hi=200.0,
+                start=5.0,
+                family="run_in",
+                label="tau",
+            ),
         ),
         predictive=False,
     )
@@ -56,23 +52,38 @@ def warm_up() -> Term:
         name="warm_up",
         sentence="The bias dies away after each power-on while the accelerometer warms itself.",
         place="input",
-        coefficients=(_coefficient("warm_up", "W", "µg"),),
+        coefficients=(millionths("warm_up", "W", "µg"),),
         columns=lambda r, v, m: (np.exp(-r.time_s / v["warm_up_tau_s"])[:, None], m),
         parameters=(
-            Parameter(name="warm_up_tau_s", symbol="τw", unit="s", lo=30.0, hi=14400.0, start=1200),
+            Parameter(
+                name="warm_up_tau_s",
+                symbol="τw",
+                unit="s",
+                lo=30.0,
+                hi=14400.0,
+                start=1200,
+                family="warm_up",
+                label="tau",
+            ),
         ),
     )
 
 
+def turn_on_name(number: int) -> str:
+    """Return the name of the offset of run `number` (1 for the second run)."""
+    return f"turn_on_offset_{number}"
+
+
 def turn_on_offset(number: int) -> Term:
     """Return the offset of run `number` (1 for the second run) from the first."""
-    name = f"turn_on_offset_{number}"
-    return Term(
-        name=name,
+    return one_column(
+        turn_on_name(number),
+        symbol=f"u{number}",
+        unit="µg",
         sentence="The bias takes a new value at each power-on.",
-        place="input",
-        coefficients=(_coefficient(name, f"u{number}", "µg"),),
-        columns=memoryless(lambda r: (r.run == number).astype(float)),
+        column=lambda r: (r.run == number).astype(float),
+        family="turn_on_offset",
+        min_share=EVENT_SHARE,
         predictive=False,
     )
 
@@ -83,14 +94,23 @@ def bias_step() -> Term:
         name="bias_step",
         sentence="The bias stepped once and stayed.",
         place="input",
-        coefficients=(_coefficient("bias_step", "J", "µg"),),
+        coefficients=(millionths("bias_step", "J", "µg"),),
         columns=lambda r, v, m: (
             (r["elapsed_h"] >= v["bias_step_at_h"]).astype(float)[:, None],
             m,
         ),
         needs=frozenset(["elapsed_h"]),
         parameters=(
-            Parameter(name="bias_step_at_h", symbol="t", unit="h", lo=0.0, hi=1e4, start=1.0),
+            Parameter(
+                name="bias_step_at_h",
+                symbol="t",
+                unit="h",
+                lo=0.0,
+                hi=1e4,
+                start=1.0,
+                family="bias_step",
+                label="at",
+            ),
         ),
         predictive=False,
     )
@@ -98,209 +118,110 @@ def bias_step() -> Term:
 
 def bias_drift() -> Term:
     """Return a bias that changes uniformly over the campaign."""
-    return Term(
-        name="bias_drift",
+    return one_column(
+        "bias_drift",
+        symbol="D",
+        unit="µg/h",
         sentence="The bias changes uniformly with time over the campaign.",
-        place="input",
-        coefficients=(_coefficient("bias_drift", "D", "µg/h"),),
-        columns=memoryless(lambda r: r["elapsed_h"]),
-        needs=frozenset(["elapsed_h"]),
+        column=lambda r: r["elapsed_h"],
+        needs=("elapsed_h",),
+        prior_sigma=1e-3,  # 1 mg/h: wider than any accelerometer
+        min_share=EVENT_SHARE,
         predictive=False,
     )
 
 
-def indexer_harmonic(order: int) -> Term:
-    """Return an error of the head's angle with `order` periods a turn."""
-    name = "indexer_harmonic" if order == 2 else f"indexer_harmonic_{order}"
+def _relaxing(
+    name: str, parameter: str, range_of: Callable[[Context], tuple[float, float]]
+) -> Callable[[Context], Sequence[Form]]:
+    """Return the form of a bias that dies away, its time constant in a range the runs allow."""
 
-    def columns(record: Record) -> FloatArray:
-        own = np.arctan2(record["a_i_g"], record["a_p_g"])
-        # the error is the head's own, however the accelerometer is mounted on it
-        head_deg = record.signals.get("head_deg")
-        angle = order * (own if head_deg is None else np.deg2rad(head_deg))
-        error = np.column_stack([np.sin(angle), np.cos(angle)])
-        return np.round(record["a_p_g"][:, None] * error, 12)  # what is zero shall be zero
+    def forms(at: Context) -> Sequence[Form]:
+        if name in at.term_names:
+            return []
+        return [Form(terms=(name,), parameters=(parameter,), grid=log_grid(*range_of(at), 8))]
 
-    return Term(
-        name=name,
-        sentence=f"The head's angle errs with {order} periods a turn.",
-        place="input",
-        coefficients=(
-            _coefficient(f"{name}_sin", "es", "µrad"),
-            _coefficient(f"{name}_cos", "ec", "µrad"),
-        ),
-        columns=memoryless(columns),
-        needs=frozenset(["a_i_g", "a_p_g"]),
-    )
+    return forms
 
 
-def foreseen(term: Term | InputChange) -> bool:
-    """Tell whether a run's part of a term is known from the other runs of the same test.
-
-    That of what does not belong to one run or moment, and of a mounting, which runs share.
-    """
-    return term.predictive or (isinstance(term, Term) and "mounting" in term.needs)
+def _run_in_h(at: Context) -> tuple[float, float]:
+    return max(0.3, at.hours / 40.0), max(1.0, at.hours * 2.0)
 
 
-def remount(number: int) -> Term:
-    """Return the angle by which mounting `number` misses the first, about the output axis."""
-    return Term(
-        name=f"remount_{number}",
-        sentence="Mounted anew on the head, the accelerometer is turned by a small angle.",
-        place="input",
-        coefficients=(_coefficient(f"remount_{number}", f"m{number}", "µrad"),),
-        columns=memoryless(lambda r: r["a_p_g"] * (r["mounting"] == number)),
-        needs=frozenset(["a_p_g", "mounting"]),
-        predictive=False,
-    )
+def _warm_up_s(at: Context) -> tuple[float, float]:
+    return max(90.0, at.run_s / 150.0), max(180.0, min(at.run_s / 2.0, 14400.0))
 
 
-def _readout(
-    name: str, symbol: str, unit: str, sentence: str, of_input: Callable[[FloatArray], FloatArray]
-) -> Term:
-    """Return a term of the readout, a function of the input."""
-    return Term(
-        name=name,
-        sentence=sentence,
-        place="input",
-        coefficients=(_coefficient(name, symbol, unit),),
-        columns=memoryless(lambda r: of_input(r["a_i_g"])),
-        needs=frozenset(["a_i_g"]),
-    )
+def _turn_on(at: Context) -> Sequence[Form]:
+    names = (turn_on_name(k) for k in range(1, at.runs))
+    missing = tuple(name for name in names if name not in at.term_names)
+    return [Form(terms=missing)] if missing else []
 
 
-def output_asymmetry() -> Term:
-    """Return a scale factor that differs between positive and negative output."""
-    sentence = "The readout's gain differs between positive and negative output."
-    return _readout("output_nonlinearity", "n1", "µg/g", sentence, np.abs)
+def _step(at: Context) -> Sequence[Form]:
+    if "bias_step" in at.term_names or not at.step_times_h:
+        return []
+    grid = tuple((t,) for t in at.step_times_h)
+    return [Form(terms=("bias_step",), parameters=("bias_step_at_h",), grid=grid, smooth=False)]
 
 
-def output_bend() -> Term:
-    """Return a gain that changes with the size of the output."""
-    sentence = "The readout's gain changes with the size of its output."
-    name = "output_nonlinearity_odd"
-    return _readout(name, "n2", "µg/g²", sentence, lambda a: a * np.abs(a))
-
-
-@numba.njit(cache=True)
-def _play(x: FloatArray, radius: float, state: float) -> FloatArray:
-    out = np.empty(x.size)
-    for k in range(x.size):
-        state = min(max(state, x[k] - radius), x[k] + radius)
-        out[k] = state - x[k]
-    return out
-
-
-@numba.njit(cache=True)
-def _travelled(x: FloatArray, last_x: float, path: float) -> FloatArray:
-    out = np.empty(x.size)
-    for k in range(x.size):
-        path += abs(x[k] - last_x)
-        last_x = x[k]
-        out[k] = path
-    return out
-
-
-def loop_start(name: str, place: str, unit: str) -> Term:
-    """Return what a loop's state before the run's start leaves: forgotten over its width."""
-    own, width = f"{name}_start", f"{name}_width"
-
-    def one_run(
-        record: Record, readings: slice, values: Values, memory: Memory
-    ) -> tuple[FloatArray, Memory]:
-        x = record["x_slow_c"][readings]
-        last_x, before = memory or (float(x[0]), 0.0)
-        path = _travelled(x, last_x, before)
-        return np.exp(-path / values[width]), (float(x[-1]), float(path[-1]))
-
-    return Term(
-        name=own,
-        sentence="The run begins with the loop's state of what went before.",
-        place="input" if place == "input" else "scale",
-        coefficients=(_coefficient(own, "h0", unit),),
-        columns=by_run(one_run),
-        needs=frozenset(["x_slow_c"]),
-    )
-
-
-def loop_plays(name: str, place: str, unit: str) -> Term:
-    """Return a loop of many hysterons: the Prandtl-Ishlinskii sum of plays of fixed radii."""
-    own = f"{name}_plays"
-
-    def one_run(
-        record: Record, readings: slice, values: Values, memory: Memory
-    ) -> tuple[FloatArray, Memory]:
-        del values
-        x = record["x_slow_c"][readings]
-        before = memory or tuple(float(x[0]) for _ in PLAY_RADII_C)
-        plays = [_play(x, r, s) for r, s in zip(PLAY_RADII_C, before, strict=True)]
-        after = tuple(float(p[-1] + x[-1]) for p in plays)
-        return np.column_stack(plays), after
-
-    return Term(
-        name=own,
-        sentence="A loop over temperature, the sum of many hysterons.",
-        place="input" if place == "input" else "scale",
-        coefficients=tuple(
-            _coefficient(f"{own}_{k + 1}", f"p{k + 1}", f"{unit}/°C")
-            for k in range(len(PLAY_RADII_C))
-        ),
-        columns=by_run(one_run),
-        needs=frozenset(["x_slow_c"]),
-    )
-
-
-def second_lag(follow: Callable[..., FloatArray]) -> InputChange:
-    """Return a lag of two poles in a row: `thermal_lag` behind `thermal_lag_second`."""
-
-    def change(record: Record, values: Values, memory: Memory) -> tuple[Record, Memory]:
-        changed: dict[str, FloatArray] = {}
-        after: dict[str, Memory] = {}
-        for signal in ("x_c", "x_slow_c", "rate_c_per_min"):
-            if signal not in record.signals:
-                continue
-            pieces: list[FloatArray] = []
-            for index, readings in enumerate(record.run_slices):
-                time_s, x = record.time_s[readings], record[signal][readings]
-                before = memory[signal] if memory and index == 0 else None
-                t0, x0, y0, z0 = before or (float(time_s[0]), *(float(x[0]),) * 3)
-                inner = follow(time_s, x, values["thermal_lag"], t0, x0, y0)
-                last = follow(time_s, inner, values["thermal_lag_second"], t0, y0, z0)
-                after[signal] = tuple(float(v[-1]) for v in (time_s, x, inner, last))
-                pieces.append(last)
-            changed[signal] = np.concatenate(pieces) if pieces else record[signal]
-        return record.with_signals(**changed), after
-
-    return InputChange(
-        name="thermal_lag_two_poles",
-        sentence="The inside of the accelerometer follows its thermistor through two thermal "
-        "resistances in a row.",
-        change=change,
-        parameters=(
-            Parameter(name="thermal_lag", symbol="τ", unit="s", lo=0.1, hi=3600.0, start=60.0),
-            Parameter(
-                name="thermal_lag_second", symbol="τ2", unit="s", lo=0.1, hi=3600.0, start=20.0
-            ),
-        ),
-        needs=frozenset(["x_c"]),
-    )
-
-
-EVENTS: dict[str, Callable[[], Effect]] = {
+TERMS: dict[str, Callable[[], Effect]] = {
     "run_in": run_in,
     "warm_up": warm_up,
-    **{f"turn_on_offset_{k}": (lambda k=k: turn_on_offset(k)) for k in range(1, MAX_RUNS)},
+    **{turn_on_name(k): (lambda k=k: turn_on_offset(k)) for k in range(1, MAX_RUNS)},
     "bias_step": bias_step,
     "bias_drift": bias_drift,
-    **{
-        "indexer_harmonic" if k == 2 else f"indexer_harmonic_{k}": (lambda k=k: indexer_harmonic(k))
-        for k in (2, 3, 4)
-    },
-    **{f"remount_{k}": (lambda k=k: remount(k)) for k in range(1, MAX_MOUNTINGS)},
-    "output_nonlinearity": output_asymmetry,
-    "output_nonlinearity_odd": output_bend,
-    "bias_hysteresis_start": lambda: loop_start("bias_hysteresis", "input", "µg"),
-    "scale_hysteresis_start": lambda: loop_start("scale_hysteresis", "scale", "ppm"),
-    "bias_hysteresis_plays": lambda: loop_plays("bias_hysteresis", "input", "µg"),
-    "scale_hysteresis_plays": lambda: loop_plays("scale_hysteresis", "scale", "ppm"),
 }
+EFFECTS = (
+    ThermalEffect(
+        name="run_in",
+        sentence="Stress from assembly relaxes: the bias dies away over the campaign, {size} at "
+        "its start.",
+        forms=_relaxing("run_in", "run_in_tau_h", _run_in_h),
+        experiment="two more runs of the same kind after a rest of a day",
+        event=True,
+        example=Example(term="run_in", values={"run_in": 80 / MICRO, "run_in_tau_h": 5.0}),
+    ),
+    ThermalEffect(
+        name="warm_up",
+        sentence="The bias dies away after each power-on, {size} at first.",
+        forms=_relaxing("warm_up", "warm_up_tau_s", _warm_up_s),
+        # no example: the station powers its accelerometers before the chamber goes to where a run
+        # begins, and by then it is over
+        experiment="a power-on into a long hold at one temperature",
+    ),
+    ThermalEffect(
+        name="turn_on_offset",
+        sentence="The bias takes a new value at each power-on: {size}.",
+        forms=_turn_on,
+        experiment="several short runs with the power switched between them",
+        event=True,
+        cause="run",
+        # Navigation grade: a few to 20 µg. Twice that, within a year's repeatability all the same:
+        # four power-ons are three differences, and at 20 µg one draw in six is too small to be
+        # named.
+        example=Example(turn_on_ug=40.0),
+    ),
+    ThermalEffect(
+        name="bias_step",
+        sentence="The bias stepped once and stayed: {size}.",
+        forms=_step,
+        experiment="the same run again: a step that has stayed is in all of it",
+        event=True,
+        cause="run",
+        # hours of the station's clock: within the third run of the demonstration, as a step in a
+        # rest is a turn-on offset
+        example=Example(term="bias_step", values={"bias_step": 60 / MICRO, "bias_step_at_h": 14.0}),
+    ),
+    ThermalEffect(
+        name="bias_drift",
+        sentence="The bias changes uniformly with time, {size}.",
+        forms=plain_form("bias_drift"),
+        experiment="a long hold at one temperature",
+        event=True,
+        cause="run",
+        # assumed, as after transport: no data sheet allows it for a week, and 2 µg/h over a night
+        # are what a random walk may do as well
+        example=Example(term="bias_drift", values={"bias_drift": 5 / MICRO}),
+    ),
+)

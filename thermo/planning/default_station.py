@@ -1,12 +1,21 @@
 """The emulated station that a sequence runs on when no station file is given."""
 
-from drivers.station import ChamberConfig, DigitiserConfig, HeadConfig, InputConfig, StationConfig
+from drivers.station import (
+    ChamberConfig,
+    DigitiserConfig,
+    HeadConfig,
+    InputConfig,
+    SignalConfig,
+    StationConfig,
+)
 from errormodel.errors import InputError
 from thermo.planning.sequence import Sequence
+from thermo.recording.signals import recorded_signals
 
 # the emulated multimeter has three modules of 20 channels: outputs on the first, thermistors on
 # the second, and the third shared by both
 MAX_EMULATED = 30
+LAST_OUTPUT = 310
 
 
 def default_station(sequence: Sequence) -> StationConfig:
@@ -14,15 +23,17 @@ def default_station(sequence: Sequence) -> StationConfig:
 
     A Watlow F4T over TCP on a free port, multimeter and head on pseudo-terminals, and the
     accelerometers wired in the sequence's order: outputs in mA over 1 kΩ on channels 101 to 120 and
-    301 to 310, thermistors on 201 to 220 and 311 to 320.
+    301 to 310, thermistors on 201 to 220 and 311 to 320; recorded signals from 310 downwards.
 
     Raises
     ------
     InputError
         If there are more accelerometers than the emulated multimeter has channels for.
     """
-    if len(sequence.accelerometers) > MAX_EMULATED:
-        problem = f"{len(sequence.accelerometers)} are too many to emulate, at most {MAX_EMULATED}"
+    recorded = [one.name for one in recorded_signals() if one.emulated is not None]
+    most = MAX_EMULATED - len(recorded)
+    if len(sequence.accelerometers) > most:
+        problem = f"{len(sequence.accelerometers)} are too many to emulate, at most {most}"
         raise InputError(sequence.name, "accelerometers", problem)
     inputs = tuple(
         InputConfig(
@@ -38,4 +49,7 @@ def default_station(sequence: Sequence) -> StationConfig:
         digitiser=DigitiserConfig(url="serial://auto"),
         head=HeadConfig(url="serial://auto", speed_deg_per_s=40.0),
         inputs=inputs,
+        signals=tuple(
+            SignalConfig(name=name, channel=LAST_OUTPUT - k) for k, name in enumerate(recorded)
+        ),
     )

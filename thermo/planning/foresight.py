@@ -1,7 +1,7 @@
-"""What a planned test can and cannot separate, and how well, before it is run."""
+"""Expected sigmas of a planned test, and the coefficients that it cannot separate."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -10,10 +10,11 @@ from errormodel.model import ErrorModel
 from errormodel.noise.drift import NoiseModel
 from errormodel.record import Record
 from thermo.compensation.model_file import reported_units, reporting_factors
-from thermo.library.terms import term
+from thermo.library import term
 from thermo.planning.plan import RunPlan
-from thermo.recording.channel import Channel, direction_of, mounting_signals, smooth_temperature
+from thermo.recording.channel import Channel, direction_of
 from thermo.recording.runs import head_force_g
+from thermo.recording.signals import Conditions, emulated_columns, mounting_signals, signals_of
 from thermo.selection.orders import separable_names, usual_equation
 
 # What a quartz-flexure accelerometer and its meter show together; the batch fit estimates it.
@@ -30,8 +31,8 @@ class Foreseen:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Foresight:
-    """What a planned test will give.
+class CoefficientForesight:
+    """Expected results of a planned test.
 
     Attributes
     ----------
@@ -71,7 +72,7 @@ class Foresight:
         return (head, *rows, "Cannot be separated with this plan:", *lost)
 
 
-def foresee(
+def foresee_coefficients(
     runs: Sequence[RunPlan],
     *,
     t_ref_c: float = 25.0,
@@ -79,7 +80,7 @@ def foresee(
     output_unit: str = "g",
     mount_deg: float = 0.0,
     noise: NoiseModel = ASSUMED_NOISE,
-) -> Foresight:
+) -> CoefficientForesight:
     """Foresee what the model equation's coefficients will be known to.
 
     Parameters
@@ -97,7 +98,7 @@ def foresee(
 
     Returns
     -------
-    Foresight
+    CoefficientForesight
     """
     channel = planned_channel(runs, t_ref_c, mount_deg)
     names, lost = separable_names(channel)
@@ -106,7 +107,7 @@ def foresee(
     sigmas = np.sqrt(np.diag(expected_covariance(model, channel.record, values, noise)))
     factors = reporting_factors(model, nominal_scale)
     units = reported_units(model, output_unit)
-    return Foresight(
+    return CoefficientForesight(
         runs=len(runs),
         mount_deg=mount_deg,
         expected=tuple(
@@ -146,29 +147,29 @@ def planned_channel(runs: Sequence[RunPlan], t_ref_c: float, mount_deg: float = 
     run = np.repeat(np.arange(len(runs)), [len(r.time_s) for r in runs])
     temp_c = np.concatenate([r.temp_c for r in runs])
     position_deg = np.concatenate([r.position_deg for r in runs])
-    slow_c, rate = smooth_temperature(time_s, temp_c, run)
     force_g = head_force_g(position_deg + mount_deg)
     ends = np.concatenate([[0.0], np.cumsum([float(r.time_s[-1]) for r in runs])])
+    at = Conditions(
+        time_s=time_s,
+        run=run,
+        temp_c=temp_c,
+        position_deg=position_deg,
+        force_g=(force_g[:, 0], force_g[:, 1], force_g[:, 2]),
+        elapsed_h=(ends[run] + time_s) / 3600.0,
+        t_ref_c=t_ref_c,
+    )
+    at = replace(at, columns=emulated_columns(at))
     return Channel(
         serial="planned",
         run_ids=tuple(str(r.number) for r in runs),
         record=Record(
             time_s=time_s,
             run=run,
-            signals={
-                "a_i_g": force_g[:, 0],
-                "a_p_g": force_g[:, 1],
-                "a_o_g": force_g[:, 2],
-                "x_c": temp_c - t_ref_c,
-                "x_slow_c": slow_c - t_ref_c,
-                "rate_c_per_min": rate,
-                "elapsed_h": (ends[run] + time_s) / 3600.0,
-                **mounting_signals(position_deg, force_g[:, 0], force_g[:, 1]),
-            },
+            signals=signals_of(at),
         ),
         temp_c=temp_c,
         position_deg=position_deg,
-        direction=direction_of(rate),
+        direction=direction_of(at.smooth[1]),
         has_input=True,
         output_unit="g",
         nominal_scale=1.0,

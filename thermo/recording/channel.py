@@ -15,13 +15,12 @@ from errormodel.arrays import (
     sealed,
 )
 from errormodel.errors import InputError
+from errormodel.model import ErrorModel
 from errormodel.record import Record
 from thermo.recording.files import RecordedRuns
-from thermo.recording.runs import FORCES, BoolArray
+from thermo.recording.runs import BoolArray
+from thermo.recording.signals import Conditions, signals_of
 
-# The slope of temperature is a straight line over this span, or over five readings if that is
-# longer: a thermistor's noise of 2 mK then leaves 1 % of a 1 °C/min ramp.
-RATE_WINDOW_S = 120.0
 # Slower than this share of the fastest change, a reading belongs to a hold.
 HOLD_SHARE = 0.1
 HEATING, COOLING, HOLD = 1, -1, 0
@@ -172,35 +171,35 @@ def _channel(mine: RecordedRuns, serial: str, t_ref_c: float) -> Channel:
     counts = np.bincount(mine.run.codes)
     present = np.flatnonzero(counts)
     run = sealed((np.cumsum(counts > 0) - 1)[mine.run.codes])
-    time_s, temp_c = mine.time_s, _known_temperature(mine, t_ref_c)
-    slow_c, rate = smooth_temperature(time_s, temp_c, run)
-    slow_c -= t_ref_c
+    temp_c = _known_temperature(mine, t_ref_c)
     force = mine.specific_force_g if mine.has_input else None
-    forces = (
-        {name: constant(0.0, len(mine)) for name in FORCES}
-        if force is None
-        else {name: _compact(force[:, k]) for k, name in enumerate(FORCES)}
+    i, p, o = (
+        constant(0.0, len(mine)) if force is None else _compact(force[:, k]) for k in range(3)
     )
     del force
+    at = Conditions(
+        time_s=mine.time_s,
+        run=run,
+        temp_c=temp_c,
+        position_deg=mine.position_deg,
+        force_g=(i, p, o),
+        elapsed_h=sealed(elapsed_h(mine, run)),
+        t_ref_c=t_ref_c,
+        columns=_recorded(mine),
+    )
+    made = {name: sealed(values) for name, values in signals_of(at).items()}
     return Channel(
         serial=serial,
         run_ids=tuple(mine.run_ids[int(k)] for k in present),
         record=Record(
-            time_s=time_s,
+            time_s=mine.time_s,
             run=run,
-            signals={
-                **forces,
-                "x_c": sealed(temp_c - t_ref_c),
-                "x_slow_c": sealed(slow_c),
-                "rate_c_per_min": sealed(rate),
-                "elapsed_h": sealed(elapsed_h(mine, run)),
-                **mounting_signals(mine.position_deg, forces["a_i_g"], forces["a_p_g"]),
-            },
+            signals=made,
             output=sealed(mine.output / mine.nominal_scale),
         ),
         temp_c=temp_c,
         position_deg=mine.position_deg,
-        direction=direction_of(rate),
+        direction=direction_of(at.smooth[1]),
         has_input=mine.has_input,
         output_unit=mine.output_unit,
         nominal_scale=mine.nominal_scale,
@@ -221,36 +220,33 @@ def _known_temperature(mine: RecordedRuns, t_ref_c: float) -> FloatArray:
     return np.full(len(mine), t_ref_c)
 
 
+def _recorded(mine: RecordedRuns) -> dict[str, FloatArray]:
+    """Return the columns that signals are made of, of those recorded in every reading."""
+    found = {"chamber_c": mine.chamber_c, **mine.more}
+    return {name: values for name, values in found.items() if not np.isnan(values).any()}
+
+
+def refuse_without_signals(model: ErrorModel, channel: Channel, source: str) -> None:
+    """Refuse a model that needs a signal which was not recorded.
+
+    Raises
+    ------
+    InputError
+        Naming the terms and the column.
+    """
+    for one in model.terms:
+        missing = sorted(one.needs - set(channel.record.signals))
+        if missing:
+            raise InputError(
+                source,
+                f"serial {channel.serial}",
+                f"{one.name} needs {', '.join(missing)}, which is not recorded in every reading",
+            )
+
+
 def _compact(values: FloatArray) -> FloatArray:
     """Return a copy that takes no room where it is 0 everywhere, as along OA on a head."""
     return sealed(values.copy()) if np.any(values) else constant(0.0, values.size)
-
-
-def mounting_signals(
-    position_deg: FloatArray, a_i_g: FloatArray, a_p_g: FloatArray
-) -> dict[str, FloatArray]:
-    """Return the head's angle and the number of the mounting, as signals.
-
-    Where the forces say another angle than the head's, the accelerometer is mounted turned on it;
-    mountings are counted from 0 as they come.
-
-    Parameters
-    ----------
-    position_deg : ndarray, shape (n,)
-        The head's angle, °; where it is not known, that of the forces is taken.
-    a_i_g, a_p_g : ndarray, shape (n,)
-        Specific force along IA and PA.
-    """
-    own = np.degrees(np.arctan2(a_i_g, a_p_g))
-    known = np.isfinite(position_deg)
-    head = position_deg if known.all() else sealed(np.where(known, position_deg, own))
-    own -= head
-    turned = np.round(own, out=own) % 360.0
-    angles, first, which = np.unique(turned, return_index=True, return_inverse=True)
-    if angles.size <= 1:
-        return {"head_deg": head, "mounting": constant(0.0, head.size)}
-    order = np.argsort(np.argsort(first))
-    return {"head_deg": head, "mounting": sealed(order[which.reshape(-1)].astype(float))}
 
 
 def elapsed_h(mine: RecordedRuns, run: IntArray) -> FloatArray:
@@ -298,43 +294,3 @@ def direction_of(rate_c_per_min: FloatArray) -> NDArray[np.int8]:
     del way, speed
     moving = np.abs(rate_c_per_min) > HOLD_SHARE * max(fastest, half)
     return np.where(moving, np.sign(rate_c_per_min), 0).astype(np.int8)
-
-
-def smooth_temperature(
-    time_s: FloatArray, temp_c: FloatArray, run: IntArray
-) -> tuple[FloatArray, FloatArray]:
-    """Fit a straight line to the temperature around each reading, within its run.
-
-    Returns
-    -------
-    slow_c : ndarray, shape (n,)
-        The line's value at the reading, °C.
-    rate_c_per_min : ndarray, shape (n,)
-        Its slope, °C/min.
-    """
-    slow = np.array(temp_c, dtype=float)
-    rate = np.zeros(temp_c.size)
-    for number in np.unique(run):
-        rows = np.flatnonzero(run == number)
-        if rows.size >= 3:
-            slow[rows], rate[rows] = _local_line(time_s[rows], temp_c[rows])
-    return slow, rate
-
-
-def _local_line(t: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-    half = max(RATE_WINDOW_S / 2, 2.5 * float(np.median(np.diff(t))))
-    lo, hi = np.searchsorted(t, t - half, "left"), np.searchsorted(t, t + half, "right")
-    at, level = t - t[0], y - y.mean()
-
-    def window_sum(values: FloatArray) -> FloatArray:
-        total = np.concatenate([[0.0], np.cumsum(values)])
-        return total[hi] - total[lo]
-
-    n = window_sum(np.ones_like(at))
-    mean_t, mean_y = window_sum(at) / n, window_sum(level) / n
-    spread = window_sum(at**2) - n * mean_t**2
-    cross = window_sum(at * level) - n * mean_t * mean_y
-    enough = (n >= 3) & (spread > 1e-6 * half**2)
-    slope = np.where(enough, cross / np.where(enough, spread, 1.0), 0.0)
-    value = np.where(enough, mean_y + slope * (at - mean_t) + y.mean(), y)
-    return value, slope * 60.0

@@ -20,7 +20,9 @@ from thermo.recording.runs import (
     OutputScale,
     RecordedRuns,
     nothing,
+    number_columns,
 )
+from thermo.recording.signals import recorded_signals
 
 TEMP_RANGE_C = (-273.15, 1000.0)
 # No accelerometer outlives 10⁶ g, no head turns 10⁶ times, no run lasts 30 000 years.
@@ -71,11 +73,12 @@ def build(
     flag = _normal_flags(table)
     good = np.array([name == "" for name in flag.names], dtype=np.bool_)[flag.codes]
     empty = constant(np.nan, len(table))
-    number = {name: table.number.get(name, empty) for name in NUMBERS}
+    number = {name: table.number.get(name, empty) for name in number_columns()}
     forced = any(name in table.number for name in FORCES)
     _check_finite(table, number, good, _without_temperature(number, run, serial))
     _check_temperatures(table, number)
     _check_sizes(table, number, scale, good)
+    _check_signals(table, number)
     _check_time(table, run, serial)
     _check_input(table, run, serial, good)
     stated = {(r, s): v for r, of_run in (mount_deg or {}).items() for s, v in of_run.items()}
@@ -88,6 +91,7 @@ def build(
         a_g=sealed(np.column_stack([number[name] for name in FORCES]))
         if forced
         else nothing(len(table)),
+        more={one.name: number[one.name] for one in recorded_signals() if one.name in table.number},
         scales={key: scale for key in pairs(run, serial)},
         run_start_utc={r: t for r, t in (run_start_utc or {}).items() if r in run.names},
         mount_deg=mounts,
@@ -131,7 +135,7 @@ def _without_temperature(
 def _check_finite(
     table: Table, number: Mapping[str, FloatArray], good: BoolArray, without: BoolArray
 ) -> None:
-    for name in NUMBERS:
+    for name in number:
         if name in table.number and (row := _first(np.isinf(number[name]))) is not None:
             raise table.fail(row, f"{name} is infinite, expected a finite number")
     # a flagged reading may lack what could not be measured, but it has its place in time
@@ -147,6 +151,15 @@ def _check_temperatures(table: Table, number: Mapping[str, FloatArray]) -> None:
         values = number[name]
         if (row := _first((values < lo) | (values > hi))) is not None:
             raise table.fail(row, f"{name} {values[row]:g}, expected {lo:g} to {hi:g} °C")
+
+
+def _check_signals(table: Table, number: Mapping[str, FloatArray]) -> None:
+    """Refuse a recorded signal outside of what it may be."""
+    for one in recorded_signals():
+        (lo, hi), values = one.within, number[one.name]
+        if (row := _first((values < lo) | (values > hi))) is not None:
+            problem = f"{one.name} {values[row]:g}, expected {lo:g} to {hi:g} {one.unit}"
+            raise table.fail(row, problem)
 
 
 def _check_sizes(

@@ -14,20 +14,20 @@ import numpy as np
 import pandas as pd
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, field_validator
 
+from errormodel.arrays import constant
 from errormodel.errors import InputError
 from errormodel.io.tables import TableForm, read_table, sidecar_path
 from errormodel.io.toml import check, read_toml
 from thermo.recording.check import Table, build
-from thermo.recording.labels import pair_keys
+from thermo.recording.labels import FloatArray, pair_keys
 from thermo.recording.readings_check import flag_readings
 from thermo.recording.runs import (
-    COLUMNS,
-    NUMBERS,
     REQUIRED,
     Labels,
     OutputScale,
     OutputUnit,
     RecordedRuns,
+    number_columns,
 )
 from thermo.recording.units_check import checked_units
 from thermo.recording.write import write_runs
@@ -43,8 +43,7 @@ __all__ = [
     "write_runs",
 ]
 
-KNOWN = (*COLUMNS, "flag")
-FORM = TableForm(numbers=NUMBERS, texts=("run", "serial", "flag"), required=REQUIRED)
+TEXTS = ("run", "serial", "flag")
 
 
 def _instant(value: object) -> datetime:
@@ -228,9 +227,10 @@ def make_runs(
         raise InputError(source, "", f"no column {', '.join(missing)}")
     text: dict[str, Labels] = {}
     number: dict[str, Any] = {}
-    for name in (name for name in KNOWN if name in frame.columns):
+    numbers = number_columns()
+    for name in (name for name in (*numbers, *TEXTS) if name in frame.columns):
         column = frame[name]
-        if name in NUMBERS:
+        if name in numbers:
             try:
                 number[name] = column.to_numpy(dtype=np.float64, na_value=np.nan)
             except (TypeError, ValueError):
@@ -253,7 +253,8 @@ def _read_one(path: Path, *, checked: bool) -> RecordedRuns:
             "nominal_scale and, where there are, run_start_utc and mount_deg",
         )
     sidecar = read_toml(side, Sidecar)
-    raw = read_table(path, FORM)
+    form = TableForm(numbers=number_columns(), texts=TEXTS, required=REQUIRED)
+    raw = read_table(path, form)
     text = {name: Labels(codes, names) for name, (codes, names) in raw.text.items()}
     table = Table(text, raw.number, raw.source, raw.place)
     record = build(table, sidecar.scale, sidecar.run_start_utc, sidecar.mount_deg)
@@ -299,6 +300,7 @@ def join_runs(parts: Sequence[RecordedRuns]) -> RecordedRuns:
         output=np.concatenate([part.output for part in parts]),
         chamber_c=np.concatenate([part.chamber_c for part in parts]),
         a_g=np.concatenate([part.a_g for part in parts]),
+        more=_joined_signals(parts),
         scales=scales,
         run_start_utc=starts,
         mount_deg={key: angle for key, angle in mounts.items() if angle},
@@ -307,6 +309,15 @@ def join_runs(parts: Sequence[RecordedRuns]) -> RecordedRuns:
     if sum(len(part.scales) for part in parts) == len(scales):
         return joined  # no run of an accelerometer is in two files
     return _in_order_of_time(joined, parts)
+
+
+def _joined_signals(parts: Sequence[RecordedRuns]) -> Mapping[str, FloatArray]:
+    """Return the recorded signals of all parts; NaN in a part that has not one of them."""
+    names = dict.fromkeys(name for part in parts for name in part.more)
+    return {
+        name: np.concatenate([part.more.get(name, constant(np.nan, len(part))) for part in parts])
+        for name in names
+    }
 
 
 def _in_order_of_time(joined: RecordedRuns, parts: Sequence[RecordedRuns]) -> RecordedRuns:

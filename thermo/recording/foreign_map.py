@@ -19,6 +19,7 @@ from pydantic import (
 )
 
 from thermo.recording.files import Sidecar
+from thermo.recording.signals import recorded_signals
 
 Finite = Annotated[float, Field(allow_inf_nan=False, strict=True)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False, strict=True)]
@@ -133,6 +134,11 @@ class TimeColumn(Section):
         return self.format != "iso" and day is None
 
     @property
+    def local(self) -> bool:
+        """Whether it holds dates of which the time zone is not stated here."""
+        return self.format is not None and self.zone is None and not self.without_day
+
+    @property
     def unit_s(self) -> float:
         """Seconds per unit of the column."""
         return self.scale if self.scale is not None else TIME_UNITS_S[self.unit or "s"]
@@ -144,6 +150,14 @@ class Temperature(Section):
     column: Column
     unit: Literal["C", "K", "F"] = "C"
     scale: Finite = 1.0  # applied first: unit = scale · cell + offset
+    offset: Finite = 0.0
+
+
+class RecordedSignal(Section):
+    """A column of a recorded signal (`thermo.recording.signals`): scale · cell + offset."""
+
+    column: Column
+    scale: Finite = 1.0
     offset: Finite = 0.0
 
 
@@ -226,6 +240,7 @@ class LogMap(Section):
     time: TimeColumn
     temperature: Temperature | None = None
     chamber: Temperature | None = None
+    signals: dict[str, RecordedSignal] = {}
     run: Runs = Runs(id="1")
     accelerometers: Annotated[tuple[Accelerometer, ...], Field(min_length=1)]
     output: Output
@@ -235,6 +250,13 @@ class LogMap(Section):
 
     @model_validator(mode="after")
     def _check(self) -> "LogMap":
+        known = [one.name for one in recorded_signals()]
+        for name in self.signals:
+            if name not in known:
+                raise ValueError(
+                    f"signals: no signal {name!r}; expected some of {', '.join(known) or 'none'}; "
+                    "one of your own needs --library FILE"
+                )
         keys = [(a.serial, a.only) for a in self.accelerometers]
         if len(set(keys)) != len(keys):
             raise ValueError("accelerometers: a serial stands twice")

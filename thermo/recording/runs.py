@@ -18,6 +18,7 @@ from errormodel.errors import InputError
 from thermo.recording.digest import RunDigest
 from thermo.recording.labels import BoolArray, FloatArray, IntArray, Labels, pairs, present_only
 from thermo.recording.output_scale import OutputScale, OutputUnit
+from thermo.recording.signals import recorded_signals
 
 REQUIRED = ("run", "serial", "time_s", "temp_c", "output")
 FORCES = ("a_i_g", "a_p_g", "a_o_g")
@@ -37,6 +38,15 @@ __all__ = [
     "pairs",
     "present_only",
 ]
+
+
+def number_columns() -> tuple[str, ...]:
+    """Return the columns of numbers: those of every run, and the recorded signals in use."""
+    return (*NUMBERS, *(one.name for one in recorded_signals()))
+
+
+def _no_more() -> Mapping[str, FloatArray]:
+    return MappingProxyType({})
 
 
 def _no_starts() -> Mapping[str, datetime]:
@@ -68,6 +78,8 @@ class RecordedRuns:
         In the unit of `scale_of(run, serial)`.
     a_g : ndarray, shape (n, 3)
         Specific force along (IA, PA, OA) as given in the file, g.
+    more : mapping of str to ndarray, shape (n,)
+        The recorded signals that the file has, by column (`thermo.recording.signals`).
     scales : mapping
         (run, serial) → `OutputScale`.
     run_start_utc : mapping
@@ -88,6 +100,7 @@ class RecordedRuns:
     chamber_c: FloatArray
     a_g: FloatArray
     scales: Mapping[tuple[str, str], OutputScale]
+    more: Mapping[str, FloatArray] = field(default_factory=_no_more)
     run_start_utc: Mapping[str, datetime] = field(default_factory=_no_starts)
     mount_deg: Mapping[tuple[str, str], float] = field(default_factory=_no_mounts)
     source: str = "the record"
@@ -95,6 +108,8 @@ class RecordedRuns:
     def __post_init__(self) -> None:
         for name in ("time_s", "temp_c", "position_deg", "output", "chamber_c", "a_g"):
             object.__setattr__(self, name, readonly(getattr(self, name)))
+        more = {name: readonly(values) for name, values in self.more.items()}
+        object.__setattr__(self, "more", MappingProxyType(more))
         for labels in (self.run, self.serial, self.flag):
             labels.codes.flags.writeable = False
         object.__setattr__(self, "scales", MappingProxyType(dict(self.scales)))
@@ -214,6 +229,7 @@ class RecordedRuns:
             output=sealed(self.output[rows]),
             chamber_c=sealed(self.chamber_c[rows]),
             a_g=nothing(len(run.codes)) if self.a_g.strides == (0, 0) else sealed(self.a_g[rows]),
+            more={name: sealed(values[rows]) for name, values in self.more.items()},
             scales={key: self.scales[key] for key in pairs(run, serial)},
             run_start_utc={r: t for r, t in self.run_start_utc.items() if r in run.names},
             mount_deg=present_only(self.mount_deg, run, serial),
@@ -231,8 +247,9 @@ class RecordedRuns:
     def digest(self, run: str) -> str:
         """Return the SHA-256 of a run's content, hexadecimal.
 
-        It is the same whatever the file format, the order of the accelerometers in the file and
-        the name of the run: a run copied under another name is found out.
+        It is the same whatever the file format, the order of the accelerometers in the file, the
+        name of the run and the signals of one's own that are read: a run copied under another name
+        is found out.
         """
         of_run = np.flatnonzero(self.run.codes == self._index(self.run_ids, run, "run"))
         serial_codes = self.serial.codes[of_run]
@@ -245,7 +262,7 @@ class RecordedRuns:
             for begin in range(0, rows.size, PIECE):
                 some = rows[begin : begin + PIECE]
                 flags = self.flag.texts_of(some)
-                digest.add([n[some] for n in self.numbers().values()], flags)
+                digest.add([n[some] for n in self.digested()], flags)
         return digest.hexdigest()
 
     def frame(self) -> pd.DataFrame:
@@ -255,9 +272,9 @@ class RecordedRuns:
     def columns_in_use(self) -> tuple[str, ...]:
         """Return which columns of the file format hold anything."""
         numbers = self.numbers()
-        used = [n for n in NUMBERS if n in REQUIRED or not np.all(np.isnan(numbers[n]))]
+        used = [n for n in numbers if n in REQUIRED or not np.all(np.isnan(numbers[n]))]
         used += ["run", "serial"] + ([] if self.good.all() else ["flag"])
-        return tuple(name for name in (*COLUMNS, "flag") if name in used)
+        return tuple(name for name in (*COLUMNS, *self.more, "flag") if name in used)
 
     def frame_of(self, rows: slice, names: Sequence[str]) -> pd.DataFrame:
         """Return a copy of some rows and columns as a table."""
@@ -268,9 +285,15 @@ class RecordedRuns:
         )
 
     def numbers(self) -> dict[str, FloatArray]:
-        """Return the columns of numbers by name, in the order of `NUMBERS`."""
+        """Return the columns of numbers by name, in the order of `NUMBERS`, then further ones."""
         numbers = {name: getattr(self, name) for name in NUMBERS if name not in FORCES}
-        return numbers | {name: self.a_g[:, i] for i, name in enumerate(FORCES)}
+        forces = {name: self.a_g[:, i] for i, name in enumerate(FORCES)}
+        return {**numbers, **forces, **self.more}
+
+    def digested(self) -> tuple[FloatArray, ...]:
+        """Return the columns that a run's digest is made of: those of every run."""
+        numbers = self.numbers()
+        return tuple(numbers[name] for name in NUMBERS)
 
     def _turned_deg(self) -> FloatArray:
         """How far each row's accelerometer is mounted turned on the head, °, shape (n,)."""

@@ -13,7 +13,9 @@ from errormodel.linear import compress, compressed, solve_compressed, triangle_o
 from errormodel.model import ErrorModel
 from errormodel.noise.drift import NoiseModel
 from errormodel.run_effects import estimate_run_effects
-from thermo.library.terms import MAX_ORDER, STATIC_NAMES, term
+from thermo.library import MAX_ORDER, STATIC_NAMES, term
+from thermo.library.head import remount_name
+from thermo.library.polynomial import ORDERS, order_name
 from thermo.recording.channel import Channel
 from thermo.selection.support import settled
 
@@ -195,19 +197,15 @@ def separable_names(channel: Channel) -> tuple[tuple[str, ...], tuple[str, ...]]
     before it. Orders of a polynomial are kept without gaps. A soak counts as one temperature: what
     a thermistor's noise alone would separate is not separable.
     """
-    order = ["k0", "k1"]
-    order += [f"{n}_t{k}" for k in range(1, MAX_ORDER + 1) for n in ("k0", "k1")]
-    order += list(STATIC_NAMES)
-    if not channel.has_input:
-        order = [n for n in order if n.startswith("k0")]
+    families = ("k0", "k1") if channel.has_input else ("k0",)
+    lower = {order_name(n, k): order_name(n, k - 1) for k in ORDERS for n in families}
+    order = [*families, *lower, *(STATIC_NAMES if channel.has_input else ())]
     step = max(1, len(channel.record) // EXAMINED)
     still = channel.record.with_signals(x_c=settled(channel))
     record = still.take(np.arange(0, len(still), step))
     kept: list[str] = []
     for name in order:
-        family, _, power = name.partition("_t")
-        lower = f"{family}_t{int(power) - 1}" if power not in ("", "1") else family
-        if power and lower not in kept:
+        if name in lower and lower[name] not in kept:
             continue
         model = ErrorModel(tuple(term(n) for n in [*kept, name]))
         if not examine(model, record, model.start_values()).confounded:
@@ -324,5 +322,5 @@ def mounted(model: ErrorModel, channel: Channel) -> ErrorModel:
     """Return the model with the angle of every mounting but the first: none repeats exactly."""
     count = int(channel.record["mounting"].max())
     held = {t.name for t in model.terms}
-    wanted = [f"remount_{k}" for k in range(1, count + 1)]
+    wanted = [remount_name(k) for k in range(1, count + 1)]
     return model.with_terms(*(term(n) for n in wanted if n not in held))

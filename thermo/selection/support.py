@@ -9,9 +9,10 @@ from errormodel.arrays import FloatArray, sealed
 from errormodel.record import Record
 from errormodel.statistics.outliers import smallest_step
 from errormodel.statistics.robust import robust_sigma
-from thermo.recording.channel import RATE_WINDOW_S, Channel
+from thermo.recording.channel import Channel
 from thermo.recording.labels import BoolArray
 from thermo.recording.runs import FORCES
+from thermo.recording.signals import RATE_WINDOW_S
 
 # Five temperatures evenly spread carry the highest order there is, and leave gaps of a quarter of
 # the range: what is wider, a polynomial bridges without a reading to hold it.

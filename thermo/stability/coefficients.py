@@ -35,6 +35,8 @@ class CoefficientStability:
     days : ndarray or None
         When the runs began, d from the first; None where that is not known. The trend is along it,
         else along the runs' places.
+    from_nominal : bool
+        Whether it is told as what differs from the nominal scale factor.
     """
 
     name: str
@@ -46,6 +48,7 @@ class CoefficientStability:
     chart: Chart
     sigma_dof: float
     days: FloatArray | None
+    from_nominal: bool = False
 
     @property
     def trend_per_day(self) -> float | None:
@@ -78,6 +81,8 @@ def _stability(
     pairs: Sequence[tuple[float, float]],
     sigma_dof: float,
     days: Days,
+    *,
+    from_nominal: bool,
 ) -> CoefficientStability:
     values, sigmas = (np.array([p[k] for p in pairs]) for k in (0, 1))
     when = np.array([days[r.run_id] for r in having]) if days else None
@@ -91,6 +96,7 @@ def _stability(
         chart=individuals_chart(values),
         sigma_dof=sigma_dof,
         days=when,
+        from_nominal=from_nominal,
     )
 
 
@@ -107,7 +113,9 @@ def model_coefficients(one: RunByRun, days: Days) -> tuple[CoefficientStability,
         if len(having) >= 2:
             pairs = [r.coefficient(name) for r in having]
             dof = min(r.dof(name) for r in having)
-            found.append(_stability(name, unit, having, pairs, dof, days))
+            found.append(
+                _stability(name, unit, having, pairs, dof, days, from_nominal=name == "k1")
+            )
     return tuple(sorted(found, key=lambda c: (c.name not in FIRST, c.name != "k0")))
 
 
@@ -127,7 +135,8 @@ def coefficients_at(
             if len(having) >= 2:
                 name = f"{family}_at_{temp_c:g}c"
                 dof = min(r.dof(family) for r in having)
-                found.append(_stability(name, unit, having, pairs, dof, days))
+                k1 = family == "k1"
+                found.append(_stability(name, unit, having, pairs, dof, days, from_nominal=k1))
     return tuple(found)
 
 

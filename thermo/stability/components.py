@@ -13,7 +13,7 @@ from errormodel.statistics.variance import (
     degrees_of_freedom,
     fit_components,
 )
-from thermo.library.terms import MICRO
+from thermo.library.effects import MICRO
 from thermo.recording.channel import HOLD
 from thermo.selection.residuals import MIN_READINGS
 from thermo.stability.events import CommonEvent

@@ -14,7 +14,8 @@ from errormodel.noise.drift import NoiseFit, NoiseModel
 from errormodel.record import Record
 from errormodel.terms import Term
 from thermo.fitting.fit import AccelerometerFit
-from thermo.library.terms import LIBRARY, MICRO
+from thermo.library import thermal_library
+from thermo.library.effects import MICRO
 from thermo.recording.channel import HOLD, Channel
 from thermo.stability.noise import degrees_of_freedom, runs_noise
 from thermo.uncertainty.left_out import LeftOut, left_out
@@ -79,7 +80,8 @@ class RunFit:
             The second by the coefficients of `fit`.
         """
         gradient = np.zeros((x_c.size, len(self.fit.names)))
-        powers = {n: x_c ** _order(n) for n in self.values if n.partition("_t")[0] == family}
+        known = thermal_library().parameters
+        powers = {n: x_c ** known[n].order for n in self.values if known[n].family == family}
         gain = self.values.get("k1", 1.0) if family == "k1" else 1.0
         rest = {n: p for n, p in powers.items() if n != "k1"}
         total = sum((self.values[n] * p for n, p in rest.items()), np.zeros_like(x_c))
@@ -91,10 +93,6 @@ class RunFit:
                 gradient[:, self.fit.names.index("k1")] = 1.0 + total
             total = gain * (1.0 + total) - 1.0
         return MICRO * total, MICRO * gradient
-
-
-def _order(name: str) -> int:
-    return int(name.partition("_t")[2] or 0)
 
 
 def reported_as(model: ErrorModel, name: str) -> tuple[float, float]:
@@ -235,7 +233,7 @@ def _separable(model: ErrorModel, record: Record) -> ErrorModel:
 
 def _rank(name: str) -> tuple[bool, int]:
     """Order terms by importance: K0 and K1 before all others, then as in the library."""
-    return name not in ("k0", "k1"), list(LIBRARY).index(name)
+    return name not in ("k0", "k1"), list(thermal_library().terms).index(name)
 
 
 def _without_held(
@@ -319,7 +317,8 @@ def _by_direction(
     """Fit K0 and K1 over temperature to each direction of each run alone."""
     channel, model = joint.channel, joint.fit.model
     polynomial = ErrorModel(
-        tuple(t for t in model.terms if t.name.partition("_t")[0] in ("k0", "k1")), model.base
+        tuple(t for t in model.terms if any(c.family in ("k0", "k1") for c in t.coefficients)),
+        model.base,
     )
     heading = directions(channel)
     wanted = [d for d in (1, -1) if np.any(heading == d)] or [HOLD]

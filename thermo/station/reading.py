@@ -1,7 +1,7 @@
 """One scan of the digitiser made into rows of the store; what is not good is left empty."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from drivers.devices import ChannelReading, ScanChannel
 from drivers.digitisers.thermistor import temp_c_from_ohm
@@ -19,8 +19,10 @@ def inputs_of(sequence: TestSequence, station: StationConfig) -> tuple[InputConf
     return tuple(wired[a.serial] for a in sequence.accelerometers)
 
 
-def scan_channels(inputs: Sequence[InputConfig]) -> tuple[ScanChannel, ...]:
-    """Return the scan list: each output, then its thermistor.
+def scan_channels(
+    inputs: Sequence[InputConfig], signals: Mapping[str, int]
+) -> tuple[ScanChannel, ...]:
+    """Return the scan list: each output, then its thermistor, and last the recorded signals.
 
     A thermistor's resistance changes hundredfold over a chamber's range: on the range that holds
     the cold end, the meter's own error at the hot end would be 0.1 °C and more. So it autoranges.
@@ -35,6 +37,10 @@ def scan_channels(inputs: Sequence[InputConfig]) -> tuple[ScanChannel, ...]:
                 number=entry.thermistor_channel, quantity="resistance", full_scale=math.inf
             ),
         ]
+    channels += [
+        ScanChannel(number=number, quantity="voltage", full_scale=math.inf)
+        for number in signals.values()
+    ]
     return tuple(channels)
 
 
@@ -55,6 +61,7 @@ def make_rows(
     chamber_c: float | None,
     lateness_s: float,
     flags: Sequence[str] = (),
+    signals: Mapping[str, int] | None = None,
 ) -> tuple[ReadingRow, ...]:
     """Make one row per accelerometer out of a scan.
 
@@ -74,6 +81,8 @@ def make_rows(
         How late the scan began, s.
     flags : sequence of str
         What is wrong with the whole scan.
+    signals : mapping of str to int, optional
+        Channels of the recorded signals, by name; one that was not measured flags all rows.
 
     Returns
     -------
@@ -81,6 +90,12 @@ def make_rows(
         An output or temperature that was not measured is None and its row flagged.
     """
     by_channel = {reading.channel: reading for reading in scan}
+    read = {name: by_channel.get(number) for name, number in (signals or {}).items()}
+    recorded = {
+        name: one.value if one is not None and one.ok and math.isfinite(one.value) else None
+        for name, one in read.items()
+    }
+    flags = [*flags, *(name for name, value in recorded.items() if value is None)]
     rows: list[ReadingRow] = []
     for entry in inputs:
         own = list(flags)
@@ -109,6 +124,7 @@ def make_rows(
                 chamber_c=chamber_c,
                 lateness_s=lateness_s,
                 flag="+".join(own),
+                signals=recorded,
             )
         )
     return tuple(rows)

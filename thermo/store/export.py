@@ -14,6 +14,7 @@ from errormodel.errors import StoreError
 from thermo.recording.files import RecordedRuns, make_runs, write_runs
 from thermo.recording.output_scale import OutputScale, OutputUnit
 from thermo.recording.runs import FORCES, head_force_g
+from thermo.recording.signals import recorded_signals
 from thermo.store.records import RunRecord
 
 if TYPE_CHECKING:
@@ -93,7 +94,7 @@ def _positioned(counts: pd.Series) -> list[tuple[int, str]]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExportedMeaning:
-    """What makes a test's readings recorded runs, whether they come whole or in pieces.
+    """Meaning of a test's readings as recorded runs, whether they come whole or in pieces.
 
     Attributes
     ----------
@@ -125,7 +126,8 @@ class ExportedMeaning:
         InputError
             If a reading is not what it should be.
         """
-        frame = stored[COLUMNS].copy()
+        recorded = [one.name for one in recorded_signals() if one.name in stored]
+        frame = stored[[*COLUMNS, *recorded]].copy()
         lacking = frame["temp_c"].isna() | frame["output"].isna()
         pairs = zip(frame["run"], frame["serial"], strict=True)
         positioned = np.fromiter((p in self.positioned for p in pairs), bool, len(frame))

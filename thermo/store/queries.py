@@ -9,28 +9,34 @@ import pandas as pd
 import sqlalchemy as sa
 
 from errormodel.errors import StoreError
+from thermo.store.migration import MARK_KIND, mark_of_event
 from thermo.store.records import (
     QUANTITIES,
     EventRecord,
     ReadingRow,
     RunRecord,
+    ScheduleMark,
     TestRecord,
     TestSummary,
+    signal_values,
 )
 from thermo.store.schema import events as event_table
 from thermo.store.schema import readings as reading_table
 from thermo.store.schema import runs as run_table
+from thermo.store.schema import schedule_marks as mark_table
+from thermo.store.schema import signals as signal_table
 from thermo.store.schema import tests as test_table
 from thermo.store.schema import voided as voided_table
 
 PIECE = 1 << 16  # readings of a stream at a time: some 25 MB
 TEXTS = ("serial", "flag", "voided")
 _ATTEMPT = ("test_id", "run", "segment", "attempt")
+_READING = ("test_id", "run", "slot", "attempt", "serial")
 ROW = ("serial", "slot", "attempt", "segment", *QUANTITIES, "flag")
 
 
 class ReadingCount(NamedTuple):
-    """How many readings an accelerometer has in a run, and how many with these quantities."""
+    """Number of readings of an accelerometer in a run, and of those with these quantities."""
 
     run: int
     serial: str
@@ -72,37 +78,9 @@ def run_status(connection: sa.Connection, test_id: str, number: int) -> str | No
     ).scalar()
 
 
-def set_run_status(connection: sa.Connection, test_id: str, number: int, status: str) -> None:
-    """Change a run's status."""
-    connection.execute(
-        sa.update(run_table)
-        .where(run_table.c.test_id == test_id, run_table.c.number == int(number))
-        .values(status=status)
-    )
-
-
-def end_open_runs(connection: sa.Connection, test_id: str, status: str) -> None:
-    """Give the runs of a test that are still running the status it ended with."""
-    connection.execute(
-        sa.update(run_table)
-        .where(run_table.c.test_id == test_id, run_table.c.status == "running")
-        .values(status=status)
-    )
-
-
-def lock_test(connection: sa.Connection, test_id: str) -> None:
-    """Keep others from adding to a test until the transaction ends (SQLite has one writer anyway).
-
-    Rows that refer to a test share-lock it, so this also waits for those that are on their way.
-    """
-    connection.execute(
-        sa.select(test_table.c.id).where(test_table.c.id == test_id).with_for_update()
-    )
-
-
-def has_event(connection: sa.Connection, values: Mapping[str, Any]) -> bool:
-    """Tell whether an event of these values is there."""
-    same = [event_table.c[name].is_not_distinct_from(value) for name, value in values.items()]
+def has_row(connection: sa.Connection, table: sa.Table, values: Mapping[str, Any]) -> bool:
+    """Tell whether a row of these values is in a table."""
+    same = [table.c[name].is_not_distinct_from(value) for name, value in values.items()]
     return connection.execute(sa.select(sa.literal(1)).where(*same)).first() is not None
 
 
@@ -115,7 +93,39 @@ def has_readings(connection: sa.Connection, values: Sequence[Mapping[str, Any]])
         found = connection.execute(sa.select(reading_table).where(*where)).mappings().first()
         if found is None or any(found[name] != value[name] for name in names):
             return False
+        if "signals" in value and not _has_signals(connection, value):
+            return False
     return True
+
+
+def _has_signals(connection: sa.Connection, value: Mapping[str, Any]) -> bool:
+    """Tell whether a reading's signals are stored with the very values given."""
+    if not sa.inspect(connection).has_table(signal_table.name):
+        return False
+    given = signal_values(value)
+    key = [c.name for c in signal_table.primary_key.columns if c.name != "name"]
+    where = [signal_table.c[name] == value[name] for name in key]
+    query = sa.select(signal_table.c.name, signal_table.c.value).where(*where)
+    return {(r.name, r.value) for r in connection.execute(query)} == {
+        (one["name"], one["value"]) for one in given
+    }
+
+
+def insert_signals(connection: sa.Connection, values: Sequence[Mapping[str, Any]]) -> None:
+    """Add the signals of readings; a store made before there were any gets their table."""
+    rows = [one for value in values for one in signal_values(value)]
+    if rows:
+        signal_table.create(connection, checkfirst=True)
+        connection.execute(sa.insert(signal_table), rows)
+
+
+def signal_names(connection: sa.Connection, test_id: str) -> tuple[str, ...]:
+    """Return the names of a test's recorded signals."""
+    if not sa.inspect(connection).has_table(signal_table.name):
+        return ()
+    s = signal_table.c
+    query = sa.select(s.name).where(s.test_id == test_id).distinct().order_by(s.name)
+    return tuple(connection.execute(query).scalars())
 
 
 def need_open_attempt(
@@ -229,6 +239,35 @@ def events(connection: sa.Connection, test_id: str) -> tuple[EventRecord, ...]:
     return tuple(EventRecord(**row) for row in found.mappings())  # type: ignore[arg-type]
 
 
+def last_schedule_mark(connection: sa.Connection, test_id: str, run: int) -> ScheduleMark | None:
+    """Return a run's newest mark, from its table or from an event of the tables' version 1."""
+    m, e = mark_table.c, event_table.c
+    newest = connection.execute(
+        sa.select(m.start_clock_s, m.shift_s, m.segment, m.attempt, m.clock, m.logged_utc)
+        .where(m.test_id == test_id, m.run == int(run))
+        .order_by(m.id.desc())
+        .limit(1)
+    ).first()
+    event = connection.execute(
+        sa.select(e.text, e.logged_utc)
+        .where(e.test_id == test_id, e.run == int(run), e.kind == MARK_KIND)
+        .order_by(e.id.desc())
+        .limit(1)
+    ).first()
+    # an earlier program may still have run the test when its store got the table
+    if event is not None and (newest is None or event.logged_utc > newest.logged_utc):
+        return mark_of_event(event.text, test_id)
+    if newest is None:
+        return None
+    return ScheduleMark(
+        start_clock_s=newest.start_clock_s,
+        shift_s=newest.shift_s,
+        segment=newest.segment,
+        attempt=newest.attempt,
+        clock=newest.clock,
+    )
+
+
 def last_reading(connection: sa.Connection, test_id: str, run: int) -> ReadingRow | None:
     """Return the reading of a run that is latest in time."""
     r = reading_table.c
@@ -246,10 +285,11 @@ def readings(connection: sa.Connection, test_id: str, run: int | None) -> pd.Dat
     """Return readings as a table, in order of run, time and serial."""
     need_test(connection, test_id)
     r = reading_table.c
-    query = _readings_with_marks(test_id).order_by(r.run, r.time_s, r.serial)
+    names = signal_names(connection, test_id)
+    query = _readings_with_marks(test_id, names).order_by(r.run, r.time_s, r.serial)
     if run is not None:
         query = query.where(r.run == int(run))
-    return _frame(connection.execute(query).all())
+    return _frame(connection.execute(query).all(), names)
 
 
 def reading_pieces(
@@ -262,10 +302,11 @@ def reading_pieces(
     r = reading_table.c
     collation = "C" if connection.dialect.name == "postgresql" else "BINARY"
     order = (sa.collate(r.serial, collation), r.time_s) if by_serial else (r.time_s, r.serial)
-    query = _that_count(_readings_with_marks(test_id), serials).order_by(r.run, *order)
+    names = signal_names(connection, test_id)
+    query = _that_count(_readings_with_marks(test_id, names), serials).order_by(r.run, *order)
     streamed = connection.execution_options(stream_results=True, max_row_buffer=PIECE)
     for rows in streamed.execute(query).partitions(PIECE):
-        yield _frame(rows)
+        yield _frame(rows, names)
 
 
 def reading_counts(
@@ -285,17 +326,24 @@ def reading_counts(
     return [ReadingCount(*row) for row in connection.execute(_that_count(query, serials))]
 
 
-def _joined() -> sa.Join:
+def _joined(signals: Sequence[sa.FromClause] = (), names: Sequence[str] = ()) -> sa.Join:
     r, v = reading_table.c, voided_table.c
     same = (getattr(r, name) == getattr(v, name) for name in _ATTEMPT)
-    return reading_table.outerjoin(voided_table, sa.and_(*same))
+    joined = reading_table.outerjoin(voided_table, sa.and_(*same))
+    for one, name in zip(signals, names, strict=True):
+        same = [r[key] == one.c[key] for key in _READING]
+        joined = joined.outerjoin(one, sa.and_(*same, one.c.name == name))
+    return joined
 
 
-def _readings_with_marks(test_id: str) -> sa.Select[Any]:
+def _readings_with_marks(test_id: str, names: Sequence[str] = ()) -> sa.Select[Any]:
+    """Return the query of a test's readings, with the signals named as further columns."""
     r, v = reading_table.c, voided_table.c
     columns = (r[name] for name in ("run", *ROW))
-    query = sa.select(*columns, sa.func.coalesce(v.flag, "").label("voided"))
-    return query.select_from(_joined()).where(r.test_id == test_id)
+    signals = [signal_table.alias(f"signal_{k}") for k in range(len(names))]
+    values = (one.c.value.label(name) for one, name in zip(signals, names, strict=True))
+    query = sa.select(*columns, sa.func.coalesce(v.flag, "").label("voided"), *values)
+    return query.select_from(_joined(signals, names)).where(r.test_id == test_id)
 
 
 def _that_count(query: Any, serials: Sequence[str]) -> sa.Select[Any]:
@@ -303,9 +351,9 @@ def _that_count(query: Any, serials: Sequence[str]) -> sa.Select[Any]:
     return query.where(~marked, reading_table.c.serial.in_(list(serials)))
 
 
-def _frame(rows: Sequence[sa.Row[Any]]) -> pd.DataFrame:
-    names = ("run", *ROW, "voided")
+def _frame(rows: Sequence[sa.Row[Any]], signals: Sequence[str] = ()) -> pd.DataFrame:
+    names = ("run", *ROW, "voided", *signals)
     columns = dict(zip(names, zip(*rows, strict=True), strict=True)) if rows else {}
     kinds: dict[str, Any] = dict.fromkeys(names, np.int64)
-    kinds |= dict.fromkeys(QUANTITIES, np.float64) | dict.fromkeys(TEXTS, object)
+    kinds |= dict.fromkeys((*QUANTITIES, *signals), np.float64) | dict.fromkeys(TEXTS, object)
     return pd.DataFrame({n: np.array(columns.get(n, ()), dtype=kinds[n]) for n in names})

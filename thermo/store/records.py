@@ -1,4 +1,4 @@
-"""What goes into the store and comes out of it: plain, frozen records."""
+"""Records that go into the store and come out of it, plain and frozen."""
 
 import json
 import math
@@ -49,6 +49,7 @@ class ReadingRow:
     chamber_c: float | None = None
     lateness_s: float | None = None
     flag: str = ""
+    signals: Mapping[str, float | None] = field(default_factory=_empty)  # recorded besides
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,6 +71,21 @@ class EventRecord:
     kind: str
     text: str
     logged_utc: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ScheduleMark:
+    """State of a run's schedule on its clock, for a resumption; stored whenever it changes.
+
+    A plan's time p is due at ``start_clock_s + shift_s + p`` on the clock `clock`; `segment` and
+    `attempt` are what is to be read next.
+    """
+
+    start_clock_s: float
+    shift_s: float
+    segment: int
+    attempt: int
+    clock: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -114,6 +130,10 @@ def reading_values(test_id: str, run: int, row: ReadingRow) -> dict[str, Any]:
         values[name] = number_or_null(cast(float | None, getattr(row, name)))
     values["flag"] = plain_text(row.flag)
     infinite = [name for name in QUANTITIES if math.isinf(values[name] or 0.0)]
+    if row.signals:
+        signals = {plain_text(n): number_or_null(v) for n, v in row.signals.items()}
+        infinite += [name for name, value in signals.items() if math.isinf(value or 0.0)]
+        values["signals"] = signals
     if infinite or values["time_s"] is None:
         problem = f"{infinite[0]} is infinite" if infinite else "no time_s"
         raise StoreError(
@@ -121,6 +141,13 @@ def reading_values(test_id: str, run: int, row: ReadingRow) -> dict[str, Any]:
             "expected a number; nothing was changed"
         )
     return values
+
+
+def signal_values(reading: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Return the recorded signals of a reading, as `reading_values` has it, a row each."""
+    key = {name: reading[name] for name in ("test_id", "run", "slot", "attempt", "serial")}
+    signals: Mapping[str, float | None] = reading.get("signals", {})
+    return [{**key, "name": n, "value": v} for n, v in signals.items() if v is not None]
 
 
 def number_or_null(value: float | None) -> float | None:

@@ -1,9 +1,12 @@
-"""The tables. Readings and what voids them are only ever added, and the database itself says so."""
+"""The tables. What is only ever added (`_ADD_ONLY`) the database itself refuses to change.
+
+Version 2 added `schedule_marks`; before it they were events, see `thermo.store.migration`.
+"""
 
 import sqlalchemy as sa
 from sqlalchemy import event
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 
 metadata = sa.MetaData()
 
@@ -59,6 +62,21 @@ readings = sa.Table(
     sqlite_with_rowid=False,  # the key's order is the order of arrival: appended, not inserted
 )
 
+# signals recorded beside the quantities of every reading; a store that has none may lack it
+signals = sa.Table(
+    "signals",
+    metadata,
+    sa.Column("test_id", sa.String, primary_key=True),
+    sa.Column("run", sa.Integer, primary_key=True, autoincrement=False),
+    sa.Column("slot", sa.Integer, primary_key=True, autoincrement=False),
+    sa.Column("attempt", sa.Integer, primary_key=True, autoincrement=False),
+    sa.Column("serial", sa.String, primary_key=True),
+    sa.Column("name", sa.String, primary_key=True),
+    sa.Column("value", sa.Double, nullable=False),
+    sa.ForeignKeyConstraint(["test_id", "run"], ["runs.test_id", "runs.number"]),
+    sqlite_with_rowid=False,
+)
+
 voided = sa.Table(
     "voided",
     metadata,
@@ -83,7 +101,23 @@ events = sa.Table(
     sa.Column("logged_utc", sa.String, nullable=False),
 )
 
-_ADD_ONLY = ("readings", "voided", "events")
+schedule_marks = sa.Table(
+    "schedule_marks",
+    metadata,
+    sa.Column("id", sa.Integer, primary_key=True),
+    sa.Column("test_id", sa.String, nullable=False),
+    sa.Column("run", sa.Integer, nullable=False),
+    sa.Column("start_clock_s", sa.Double, nullable=False),
+    sa.Column("shift_s", sa.Double, nullable=False),
+    sa.Column("segment", sa.Integer, nullable=False),
+    sa.Column("attempt", sa.Integer, nullable=False),
+    sa.Column("clock", sa.String, nullable=False),
+    sa.Column("logged_utc", sa.String, nullable=False),
+    sa.ForeignKeyConstraint(["test_id", "run"], ["runs.test_id", "runs.number"]),
+    sa.Index("schedule_marks_of_run", "test_id", "run"),
+)
+
+_ADD_ONLY = ("readings", "signals", "voided", "events", "schedule_marks")
 
 
 def _guard(table: sa.Table) -> None:
@@ -95,7 +129,7 @@ def _guard(table: sa.Table) -> None:
         )
         event.listen(table, "after_create", trigger.execute_if(dialect="sqlite"))
     function = sa.DDL(
-        f"CREATE FUNCTION {table.name}_add_only() RETURNS trigger LANGUAGE plpgsql AS "
+        f"CREATE OR REPLACE FUNCTION {table.name}_add_only() RETURNS trigger LANGUAGE plpgsql AS "
         f"$$ BEGIN RAISE EXCEPTION '{refusal}'; END $$"
     )
     trigger = sa.DDL(

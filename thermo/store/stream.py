@@ -5,6 +5,7 @@ the digests, and in order of time, to write them. Nothing is written before all 
 """
 
 import itertools
+import logging
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -18,6 +19,7 @@ from errormodel.io.table_write import write_with_sidecar
 from thermo.recording.digest import RunDigest
 from thermo.recording.output_scale import OutputScale
 from thermo.recording.runs import COLUMNS, FORCES, REQUIRED, RecordedRuns
+from thermo.recording.signals import recorded_signals
 from thermo.recording.summary import RecordingSummary
 from thermo.recording.write import sidecar_of
 from thermo.store import queries
@@ -27,6 +29,8 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from thermo.store.store import Store
+
+log = logging.getLogger(__name__)
 
 
 def export_in_pieces(
@@ -62,6 +66,7 @@ def export_in_pieces(
     """
     starts = run_starts(store.test(test_id).runs)
     with store.snapshot() as connection:
+        _tell_unknown_signals(queries.signal_names(connection, test_id), test_id)
         counts = queries.reading_counts(connection, test_id, serials)
         if not counts:
             raise StoreError(f"test {test_id}: has no readings to export")
@@ -73,6 +78,17 @@ def export_in_pieces(
             positioned=frozenset((c.run, c.serial) for c in counts if c.positions),
         )
         return _Export(connection, meaning, counts).write(path)
+
+
+def _tell_unknown_signals(stored: "Sequence[str]", test_id: str) -> None:
+    """Warn of stored signals that are left out, as no signal in use has their name."""
+    known = [one.name for one in recorded_signals()]
+    if unknown := [name for name in stored if name not in known]:
+        log.warning(
+            "test %s: %s is left out of the recorded run; --library FILE of the signal keeps it",
+            test_id,
+            ", ".join(unknown),
+        )
 
 
 class _Export:
@@ -88,6 +104,7 @@ class _Export:
         self._counts = {(meaning.run_id(c.run), c.serial.strip()): c for c in counts}
         self._asked = tuple(dict.fromkeys(c.serial for c in counts))
         self._serials: dict[str, None] = {}  # in the order in which they are written
+        self._signals: dict[str, None] = {}
         self._flagged, self._has_input = 0, True
 
     def write(self, path: Path) -> RecordingSummary:
@@ -132,7 +149,8 @@ class _Export:
                 elif not record.time_s[rows.start] > last[1]:
                     self._refuse_same_time(key, last[1])
                 flags = record.flag.texts_of(rows)
-                digest.add([n[rows] for n in record.numbers().values()], flags)
+                digest.add([n[rows] for n in record.digested()], flags)
+                self._signals |= dict.fromkeys(record.more)
                 last = key, float(record.time_s[rows.stop - 1])
         return {run: digest.hexdigest() for run, digest in digests.items()}
 
@@ -154,7 +172,7 @@ class _Export:
         turned = any(c.positions and c.serial in self._meaning.mount_deg for c in counts)
         used |= set(FORCES) if turned else set()
         used |= {"flag"} if self._flagged else set()
-        return tuple(name for name in (*COLUMNS, "flag") if name in used)
+        return tuple(n for n in (*COLUMNS, *self._signals, "flag") if n in {*used, *self._signals})
 
 
 def _stretches(record: RecordedRuns) -> Iterator[slice]:

@@ -8,7 +8,7 @@ import numpy as np
 from errormodel.arrays import FloatArray
 from errormodel.fit import ModelFit
 from errormodel.model import ErrorModel
-from thermo.library.terms import STATIC_NAMES, term
+from thermo.library import STATIC_NAMES, term, thermal_library
 from thermo.recording.channel import Channel
 from thermo.selection.support import support_of, thermistor_noise_c
 from thermo.uncertainty.by_position import ByPosition, by_position
@@ -157,8 +157,7 @@ def _holders(line: Linearised, name: str) -> tuple[str, ...]:
     if name in STATIC_NAMES:
         column = ErrorModel((term(name),)).simulate(line.record, {name: 1.0}) - a_i
     else:
-        _, _, power = name.partition("_t")
-        column = a_i * x ** int(power or 0)
+        column = a_i * x ** thermal_library().parameters[name].order
     return holders(line, column)
 
 

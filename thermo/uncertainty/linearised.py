@@ -19,7 +19,7 @@ from errormodel.noise.drift import NoiseModel
 from errormodel.noise.whitening import DriftProduct
 from errormodel.record import Record
 from errormodel.run_effects import RunEffect
-from thermo.library.terms import MAX_ORDER
+from thermo.library import MAX_ORDER
 
 # Effects (n, m) on the output, given for the readings of a block: they need not stand whole.
 Effects: TypeAlias = Callable[[slice], FloatArray]

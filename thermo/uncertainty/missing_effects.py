@@ -8,7 +8,7 @@ from numpy.polynomial import Legendre
 
 from errormodel.arrays import FloatArray
 from errormodel.model import ErrorModel
-from thermo.library.terms import MAX_ORDER, STATIC_NAMES, term
+from thermo.library import MAX_ORDER, STATIC_NAMES, term
 from thermo.recording.channel import Channel
 from thermo.recording.runs import FORCES
 from thermo.uncertainty.linearised import Linearised

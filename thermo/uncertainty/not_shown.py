@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from errormodel.arrays import FloatArray
-from thermo.library.terms import MAX_ORDER, STATIC_NAMES
+from thermo.library import MAX_ORDER, STATIC_NAMES
 from thermo.recording.channel import Channel
 from thermo.uncertainty.left_out import WORTH, LeftOut
 from thermo.uncertainty.linearised import Linearised, effect_of
@@ -53,6 +53,7 @@ def not_shown(
         What the residual shows all the same.
     """
     shown = {one.name for one in told}
+    described = {c.name: c for c in line.fit.model.coefficients}
     found: list[NotShown] = []
     for effect in effects_that_hide(line, channel):
         size2 = float(effect.column @ effect.column)
@@ -60,7 +61,7 @@ def not_shown(
         if effect.name in shown or float(left @ left) >= HIDDEN * size2:
             continue
         by = holders(line, effect.column)
-        if by and by[0].startswith(ORDINARY):  # else the model has a term for it
+        if by and described[by[0]].family in ORDINARY:  # else the model has a term for it
             found.append(NotShown(name=effect.name, words=effect.words, stands_in=by[:NAMED]))
     return tuple(found)
 

@@ -25,7 +25,7 @@ from numpy.polynomial import Legendre, Polynomial
 
 from errormodel.arrays import FloatArray
 from errormodel.model import ErrorModel
-from thermo.library.terms import MAX_ORDER, term
+from thermo.library import MAX_ORDER, term
 from thermo.selection.orders import WORTH_CHI2
 
 FAMILIES = ("k0", "k1")

@@ -29,7 +29,7 @@ import numpy as np
 from errormodel.arrays import FloatArray
 from errormodel.columns import Columns
 from errormodel.linear import triangle_of
-from thermo.library.terms import MAX_ORDER
+from thermo.library import MAX_ORDER
 from thermo.recording.channel import Channel
 from thermo.selection.support import settled
 from thermo.uncertainty.linearised import Linearised

@@ -5,6 +5,7 @@ from typing import Any
 
 import click
 
+from accelbench.shell.library import library_option
 from accelbench.shell.outputs import (
     force_option,
     json_option,
@@ -30,6 +31,7 @@ from accelbench.shell.outputs import (
 @click.option("--out", type=Path, help="RESULT.json to write: the compensation file for flight.")
 @click.option("--report", type=Path, help="Folder for the report and its figures.")
 @force_option
+@library_option()
 @json_option
 def combine(**given: Any) -> int:
     """Calibrate a SINS that warms itself, rig and chamber correcting each other.

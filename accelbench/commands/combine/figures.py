@@ -22,6 +22,7 @@ from errormodel.record import Record
 from sinscal.combination.combine import Combination
 from sinscal.model.chamber import ChamberModel
 from sinscal.recording.run import AXES, RigRun
+from thermo.recording.signals import Conditions, signals_of
 
 SIGMAS = 3.0
 POINTS = 60
@@ -81,10 +82,19 @@ def _bias_and_scale(
 
 def _at(model: ErrorModel, x: FloatArray, force_g: float) -> Record:
     """Return a record at rest at temperatures, with a force along the input axis."""
-    none = np.zeros(x.size)
-    signals = {n: none for n in model.needs} | {"a_p_g": none, "a_o_g": none}
-    signals |= {"a_i_g": none + force_g, "x_c": x, "x_slow_c": x, "rate_c_per_min": none}
-    return Record(time_s=np.arange(x.size, dtype=float), signals=signals)
+    none, time_s = np.zeros(x.size), np.arange(x.size, dtype=float)
+    at = Conditions(
+        time_s=time_s,
+        run=np.zeros(x.size, dtype=np.intp),
+        temp_c=x,
+        position_deg=none,
+        force_g=(none + force_g, none, none),
+        elapsed_h=none,
+        t_ref_c=0.0,
+        known_slow=(x, none),
+        known_mounting=0.0,
+    )
+    return Record(time_s=time_s, signals=dict.fromkeys(model.needs, none) | signals_of(at))
 
 
 def draw_models(made: Combination, run: RigRun, chambers: Sequence[ChamberModel]) -> Picture:

@@ -5,6 +5,7 @@ from typing import Any
 
 import click
 
+from accelbench.shell.library import library_option
 from accelbench.shell.outputs import json_option
 
 
@@ -35,6 +36,7 @@ from accelbench.shell.outputs import json_option
     show_default=True,
     help="With --hidden: of the accelerometers, of who has it, and of all noise.",
 )
+@library_option()
 @json_option
 def demo(**given: Any) -> int:
     """Do the whole job on emulated instruments: test, fit, compensation, report.

@@ -34,14 +34,22 @@ from thermo.discrepancy.experiment import Experiment
 from thermo.discrepancy.find import Discrepancy, find_discrepancy
 from thermo.launch.emulated import run_emulated
 from thermo.planning.default_station import default_station
-from thermo.planning.sequence import Accelerometer, load_sequence, parse_sequence
 from thermo.planning.sequence import Sequence as TestSequence
+from thermo.planning.sequence import TestedAccelerometer, load_sequence, parse_sequence
 from thermo.recording.channel import channel_of
 from thermo.recording.files import RecordedRuns, join_runs, read_runs, write_runs
+from thermo.station.job import make_job
 from thermo.station.outcome import Observer, TestOutcome
 from thermo.store.files import open_existing_store, recorded_runs
-from thermo.twin.plant import EmulatedAccelerometer, Twin, TwinSettings
-from thermo.twin.planted import plain_accelerometer, plantable, simulated_by, who_has_it
+from thermo.twin.accelerometer import EmulatedAccelerometer
+from thermo.twin.plant import Twin, TwinSettings
+from thermo.twin.planted import (
+    plain_accelerometer,
+    plantable,
+    simulated_by,
+    size_in_words,
+    who_has_it,
+)
 
 Tell = Callable[[str], None]
 Watch = Callable[[TestSequence], AbstractContextManager[Sequence[Observer]]]
@@ -128,13 +136,18 @@ class _Bench:
         self.tests += 1
         config = default_station(sequence)
         mounts = {a.serial: a.mount_deg for a in sequence.accelerometers}
-        plant = Twin(config.inputs, units, SETTINGS, MOST_TESTS * self.seed + self.tests, mounts)
+        plant = Twin(
+            config.inputs,
+            units,
+            SETTINGS,
+            MOST_TESTS * self.seed + self.tests,
+            mounts,
+            config.signal_channels,
+        )
         store_path = str(self.folder / "store.sqlite")
         with self.watch(sequence) as observers:
             outcome = run_emulated(
-                sequence,
-                store_path,
-                config=config,
+                make_job(sequence, store_path),
                 plant=plant,
                 clock=SteppedClock((self.tests - 1) * 3 * DAY_S),
                 observers=observers,
@@ -170,7 +183,7 @@ def run_hidden_demo(
     folder : Path
         Where everything goes: recorded runs, models, the proposed sequences, the report, the key.
     effect : str or None
-        A name of `thermo.twin.planted.PLANTED`.
+        An effect of the library that has an example.
     watch : callable
         Gives a test's observers, as a context.
     sequence : TestSequence, optional
@@ -194,7 +207,7 @@ def run_hidden_demo(
     sequence = sequence or hidden_sequence()
     serials = tuple(a.serial for a in sequence.accelerometers)
     serial = who_has_it(effect, serials, seed)
-    key = {"serial": serial, "effect": effect, "size": planted.words()}
+    key = {"serial": serial, "effect": effect, "size": size_in_words(planted)}
     write_files([(folder / "key.json", json.dumps(key, ensure_ascii=False).encode())])
     units = {
         s: plain_accelerometer(s, planted if s == serial else None, seed=seed) for s in serials
@@ -287,7 +300,7 @@ def _next_run(
     together = sequence.model_copy(
         update={
             "accelerometers": tuple(
-                Accelerometer(serial=s, nominal_scale=one.nominal_scale)
+                TestedAccelerometer(serial=s, nominal_scale=one.nominal_scale)
                 for s in (d.serial, *loaded)
             ),
             "temperature": sequence.temperature.model_copy(update={"repeats": 1}),

@@ -11,6 +11,7 @@ from accelbench.commands.discrepancy.rig_command import discrepancy_rig
 from accelbench.commands.discrepancy.text import discrepancy_document, discrepancy_text
 from accelbench.shell.console import emit
 from accelbench.shell.inputs import add_reading_counts, read_with_doubts, trust_option
+from accelbench.shell.library import library_option
 from accelbench.shell.outputs import (
     REPORT_NAME,
     check_results,
@@ -24,7 +25,6 @@ from errormodel.io.atomic import write_files
 from thermo.compensation.model_file import read_model
 from thermo.discrepancy.find import Discrepancy, find_discrepancy
 from thermo.fitting.fit import TermsFile, read_terms
-from thermo.library.user import load_effects
 from thermo.recording.files import RecordedRuns
 
 BARE = Path("bare")  # no file: k0 and k1, each quadratic in temperature
@@ -38,7 +38,6 @@ BARE = Path("bare")  # no file: k0 and k1, each quadratic in temperature
     type=Path,
     help="The present model: TERMS.toml, MODEL.json of a fit, or bare; of a rig, MODEL.toml.",
 )
-@click.option("--effects", type=Path, help="A file of effects of your own.")
 @click.option("--out", type=Path, help="MODEL.toml, the larger model; MODEL.json beside it.")
 @click.option("--report", type=Path, help="Folder for the report and its figures.")
 @click.option("--experiment-out", type=Path, help="SEQUENCE.toml of the experiment proposed.")
@@ -52,12 +51,12 @@ BARE = Path("bare")  # no file: k0 and k1, each quadratic in temperature
 )
 @trust_option
 @force_option
+@library_option("--effects")
 @json_option
 def discrepancy(
     kind: str,
     files: tuple[Path, ...],
     model: Path | None,
-    effects: Path | None,
     out: Path | None,
     report: Path | None,
     experiment_out: Path | None,
@@ -75,25 +74,21 @@ def discrepancy(
     accelbench.rig.discrepancy.
     """
     if kind == "rig":
-        thermal_only = {"--effects": effects, "--experiment-out": experiment_out,
-                        "--workers": workers > 1}  # fmt: skip
+        thermal_only = {"--experiment-out": experiment_out, "--workers": workers > 1}
         for name, value in thermal_only.items():
             if value:
                 raise InputError("discrepancy rig", name, "belongs to discrepancy thermal only")
         discrepancy_rig(files, model, out, report, seed=seed, force=force, as_json=as_json)
         return 0
-    given = [p for p in (model, effects) if p and p != BARE]
+    given = [p for p in (model,) if p and p != BARE]
     inputs = [*with_sidecars(list(files)), *given]
     for path in (p for p in (out, experiment_out) if p):
         checked_output(path, inputs, force=force)
     check_results(None, report, [], force=force)
-    library = load_effects(effects)
     runs, doubts = read_with_doubts(list(files), trust_units=trust_units)
     for path in model_paths(out, len(runs.serials))[1:] if out is not None else ():
         checked_output(path, inputs, force=force)
-    found = find_discrepancy(
-        runs, model=_present(model), effects=library, seed=seed, workers=workers, tell=_tell
-    )
+    found = find_discrepancy(runs, model=_present(model), seed=seed, workers=workers, tell=_tell)
     document, text = discrepancy_document(found), [*discrepancy_text(found), *doubts]
     add_reading_counts(document, runs, doubts)
     written: list[tuple[Path, bytes]] = []

@@ -11,7 +11,6 @@ from thermo.discrepancy.find import Discrepancy
 from thermo.discrepancy.shared import SharedEffect
 from thermo.discrepancy.smallest import smallest_nameable
 from thermo.discrepancy.words import EffectFound
-from thermo.library.effects import effects_by_name
 
 VERDICT_WORDS = {
     "named": "named",
@@ -198,7 +197,7 @@ def verdict_lines(d: Discrepancy) -> Iterator[str]:
 
 def _effects_table(d: Discrepancy) -> RenderableType:
     made = table("effect", "parameter", "value", "sigma", "unit", right=("value", "sigma"))
-    known = effects_by_name(d.source.effects)
+    known = {e.name: e for e in d.source.effects}
     for e in d.effects:
         for name, p in e.parameters.items():
             label = known[e.name].name

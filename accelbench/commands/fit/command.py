@@ -6,6 +6,7 @@ from typing import Any
 import click
 
 from accelbench.shell.inputs import trust_option
+from accelbench.shell.library import library_option
 from accelbench.shell.outputs import (
     force_option,
     json_option,
@@ -19,6 +20,7 @@ RUNS = click.argument("files", nargs=-1, required=True, metavar="RUN.csv…")
 @click.option("--map", "map_file", type=Path, required=True, help="What the log's columns are.")
 @click.option("--out", type=Path, required=True, help="The recorded run to write.")
 @force_option
+@library_option()
 @json_option
 def import_(**given: Any) -> None:
     """Make a recorded run of somebody else's log.
@@ -39,6 +41,7 @@ def import_(**given: Any) -> None:
 @click.option("--report", type=Path, help="Folder for the report and its figures.")
 @trust_option
 @force_option
+@library_option()
 @json_option
 def fit(**given: Any) -> int:
     """Fit each accelerometer's error model over temperature.
@@ -57,6 +60,7 @@ def fit(**given: Any) -> int:
 @click.option("--out", type=Path, required=True, help="The compensated recording to write.")
 @trust_option
 @force_option
+@library_option()
 @json_option
 def compensate(**given: Any) -> int:
     """Apply a model: adds accel_g, accel_compensated_g and accel_sigma_g to recorded runs.

@@ -5,6 +5,7 @@ from typing import Any
 
 import click
 
+from accelbench.shell.library import library_option
 from accelbench.shell.outputs import (
     force_option,
     json_option,
@@ -59,6 +60,7 @@ def _held(ctx: click.Context, param: click.Parameter, value: str) -> str | int:
 @click.option("--out", type=Path, help="RESULT.json to write.")
 @click.option("--report", type=Path, help="Folder for the report and its figures.")
 @force_option
+@library_option()
 @json_option
 def calibrate(**given: Any) -> int:
     """Calibrate a SINS from a run on a rig, and judge the result.
@@ -78,6 +80,7 @@ def calibrate(**given: Any) -> int:
 )
 @click.option("--out", type=Path, required=True, help="The compensated run to write.")
 @force_option
+@library_option()
 @json_option
 def compensate(**given: Any) -> None:
     """Take the calibrated errors out of a rig run's readings.

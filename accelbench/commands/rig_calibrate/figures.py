@@ -18,9 +18,12 @@ from accelbench.shell.plotting import (
     thinned,
 )
 from errormodel.arrays import FloatArray
+from sinscal.calibration.consistency import ACROSS, ALONG, FORCES
 from sinscal.calibration.rig import RigCalibration
 from sinscal.filter.integrate import attitudes
+from sinscal.filter.layout import ENU
 from sinscal.frames.attitude import angles_from_c_nb
+from sinscal.frames.earth import ARCSEC
 from sinscal.judgement.judge import Judged
 from sinscal.judgement.result_file import ResultContent
 from sinscal.model.compensate import compensate_run
@@ -33,6 +36,7 @@ BOUND = "#D55E00"
 CLOCK = "time, cycles side by side, s"
 GAP_S = 30.0  # drawn between cycles
 EVERY_STEPS = 60  # of the filter between two entries of its sigmas
+VELOCITIES = tuple(f"velocity_{a}" for a in ENU)
 
 
 def calibration_pictures(
@@ -78,7 +82,10 @@ def _draw_group(axes: Any, group: str, names: list[str], result: ResultContent) 
             k, one.value / size, yerr=SIGMAS * one.sigma / size, fmt="o", color=COLOURS[0],
             markersize=3.5, capsize=3.0,
         )  # fmt: skip
-    labels = [n.removeprefix(group).strip("_") or "τ" for n in names]
+    described = [result.described(name) for name in names]
+    axes_of = [one.axis for one in described]
+    by_axis = all(axes_of) and len(set(axes_of)) == len(axes_of)
+    labels = axes_of if by_axis else [one.symbol for one in described]
     axes.set_xticks(range(len(names)), labels, rotation=90.0 if len(names) > 6 else 0.0)
     axes.set_xlim(-0.6, len(names) - 0.4)
     axes.axhline(0.0, color="#BBBBBB", linewidth=0.8, zorder=0)
@@ -142,11 +149,11 @@ def draw_innovations(judged: Judged) -> Picture:
 
 
 def _unit_of_row(name: str) -> tuple[str, float]:
-    if name.startswith("force"):
+    if name in FORCES:
         return "mm/s²", 1e-3
-    if name.startswith("rig"):
-        return "arcsec", np.pi / 180.0 / 3600.0
-    return ("mm/s", 1e-3) if name.startswith("velocity") else ("m", 1.0)
+    if name in (ALONG, *ACROSS):
+        return "arcsec", ARCSEC
+    return ("mm/s", 1e-3) if name in VELOCITIES else ("m", 1.0)
 
 
 def draw_sigmas(judged: Judged) -> Picture:

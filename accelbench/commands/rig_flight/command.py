@@ -5,6 +5,7 @@ from typing import Any
 
 import click
 
+from accelbench.shell.library import library_option
 from accelbench.shell.outputs import force_option, json_option
 
 POSITIVE = click.FloatRange(min=0.0, min_open=True)
@@ -51,6 +52,7 @@ NOT_NEGATIVE = click.FloatRange(min=0.0)
 @click.option("--seed", type=click.IntRange(min=0), default=0, help="Of the Monte Carlo.")
 @click.option("--report", type=Path, help="Folder for the report and its figures.")
 @force_option
+@library_option()
 @json_option
 def flight(**given: Any) -> int:
     """Say what calibrations are worth in flight: position error of autonomous navigation.

@@ -5,6 +5,7 @@ from typing import Any
 
 import click
 
+from accelbench.shell.library import library_option
 from accelbench.shell.outputs import (
     force_option,
     json_option,
@@ -35,6 +36,7 @@ groups_option = click.option(
 @groups_option
 @priors_option
 @force_option
+@library_option()
 @json_option
 def simulate(**given: Any) -> None:
     """Simulate the run of a rig programme.
@@ -60,6 +62,7 @@ def simulate(**given: Any) -> None:
 @priors_option
 @click.option("--report", type=Path, help="Folder for the report and its figures.")
 @force_option
+@library_option()
 @json_option
 def covariance(**given: Any) -> None:
     """Say before a test how well it will do.

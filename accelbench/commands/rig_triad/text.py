@@ -10,6 +10,7 @@ from accelbench.shell.console import number, table, value_and_sigma
 from accelbench.shell.outputs import REPORT_NAME
 from accelbench.shell.page import Banner, Page, ReportTable, Section, render_page
 from errormodel.arrays import FloatArray
+from sinscal.recording.run import AXES
 from sinscal.triad.rests import RestCalibration
 from sinscal.triad.triad import errors_of
 
@@ -78,15 +79,13 @@ def triad_document(done: RestCalibration) -> dict[str, object]:
 
 def unit_of(name: str, unit: str) -> str:
     """Return the unit of a parameter, for readings in `unit`."""
-    for start, shown in (
+    of_kind = (
         ("scale_t", "1/°C"),
         ("bias_t", f"{unit}/°C"),
         ("scale", f"(m/s2)/({unit})"),
         ("bias", unit),
-    ):
-        if name.startswith(start):
-            return shown
-    return "rad"
+    )
+    return {f"{kind}_{a}": shown for kind, shown in of_kind for a in AXES}.get(name, "rad")
 
 
 def formula(done: RestCalibration) -> str:
@@ -185,11 +184,12 @@ def _errors(done: RestCalibration) -> dict[str, object] | None:
     if done.rests.unit != "m/s2" or done.fit.model.gauge != "lower":
         return None
     names, values, cov = errors_of(done.fit)
+    biases = {f"accel_bias_{a}" for a in AXES}
     return {
         name: {
             "value": float(value),
             "sigma": float(sigma),
-            "unit": "m/s2" if name.startswith("accel_bias") else "1",
+            "unit": "m/s2" if name in biases else "1",
         }
         for name, value, sigma in zip(names, values, np.sqrt(np.diag(cov)), strict=True)
     }

@@ -6,6 +6,7 @@ from typing import Any
 import click
 
 from accelbench.commands.run.store_commands import store_option
+from accelbench.shell.library import library_option
 from accelbench.shell.outputs import force_option, json_option
 
 
@@ -19,6 +20,7 @@ from accelbench.shell.outputs import force_option, json_option
 )
 @click.option("--dry-run", is_flag=True, help="Print the plan and do nothing.")
 @click.option("--out", type=Path, help="Write the recorded run here when it is done.")
+@click.option("--model", type=Path, help="TERMS.toml: the terms of the live estimate.")
 @click.option(
     "--speed",
     type=click.FloatRange(min=0, min_open=True),
@@ -26,6 +28,7 @@ from accelbench.shell.outputs import force_option, json_option
 )
 @click.option("-v", "--verbose", is_flag=True, help="Tell the verdict on every ramp.")
 @force_option
+@library_option()
 @json_option
 def run(**given: Any) -> int:
     """Run a chamber test sequence.

@@ -16,7 +16,7 @@ from accelbench.shell.tables import copied
 from accelbench.shell.terminal import Channel, Terminal
 from thermo.planning.text import duration_text
 from thermo.station.observers.detached import DetachedObserver
-from thermo.station.observers.live import T_REF_C, LiveEstimate
+from thermo.station.observers.live import LiveEstimate
 from thermo.station.outcome import Event, Observer
 from thermo.station.outcome import Progress as TestProgress
 from thermo.store.records import ReadingRow
@@ -54,7 +54,7 @@ class _Bar(Progress):
 
 
 class _Writer:
-    """What rich draws into: the channel itself, in the thread that may wait for it."""
+    """File for rich to draw into: the channel itself, in the thread that may wait for it."""
 
     def __init__(self, channel: Channel) -> None:
         self._channel = channel
@@ -102,7 +102,7 @@ class ProgressView:
 
     @property
     def lost(self) -> str:
-        """Why nothing can be shown any more; empty as long as it can."""
+        """Reason why nothing can be shown any more; empty as long as it can."""
         return self._terminal.err.channel.lost
 
     def start(self) -> None:
@@ -178,7 +178,7 @@ class ProgressView:
             f"K1 {value_and_sigma(1e6 * (v.k1_ref - 1.0), v.k1_ref_sigma_ppm)} ppm from nominal"
             for v in values[:SHOWN]
         ]
-        return copied(f" · at {T_REF_C:g} °C: {' · '.join(told)}") if told else ""
+        return copied(f" · at {values[0].t_ref_c:g} °C: {' · '.join(told)}") if told else ""
 
     def _draw(self, task: TaskID, *, completed: float, description: str, note: str) -> None:
         if self._bar is None:

@@ -5,6 +5,7 @@ from typing import Any
 
 import click
 
+from accelbench.shell.library import library_option
 from accelbench.shell.outputs import force_option, json_option
 
 store_option = click.option(
@@ -34,6 +35,7 @@ def runs(**given: Any) -> None:
 @store_option
 @click.option("--out", type=Path, required=True, help="The recorded run to write.")
 @force_option
+@library_option()
 @json_option
 def export(**given: Any) -> None:
     """Write a test of a store as a recorded run.
@@ -49,6 +51,7 @@ def export(**given: Any) -> None:
 @click.command()
 @click.argument("station", type=Path, metavar="STATION.toml")
 @click.option("--speed", type=click.FloatRange(min=0, min_open=True), help="Multiple of real time.")
+@library_option()
 @json_option
 def emulate(**given: Any) -> None:
     """Serve the instruments of a station file until stopped.

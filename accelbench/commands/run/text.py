@@ -9,7 +9,7 @@ from rich.console import RenderableType
 from accelbench.commands.run.ramps import ramp_lines
 from accelbench.commands.run_in.text import run_in_document, run_in_text
 from thermo.run_in.verdict import RunInVerdict
-from thermo.station.observers.live import T_REF_C, LiveEstimate
+from thermo.station.observers.live import LiveEstimate
 from thermo.station.outcome import TestOutcome
 from thermo.station.uniformity import RampVerdict
 
@@ -76,7 +76,7 @@ def run_document(
                 "k0_sigma_ug": v.k0_sigma_ug,
                 "k1_relative": v.k1,
                 "k1_sigma_ppm": v.k1_sigma_ppm,
-                "t_ref_c": T_REF_C,
+                "t_ref_c": v.t_ref_c,
                 "k0_ref_ug": v.k0_ref_ug,
                 "k0_ref_sigma_ug": v.k0_ref_sigma_ug,
                 "k1_ref_relative": v.k1_ref,

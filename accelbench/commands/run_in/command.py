@@ -7,6 +7,7 @@ import click
 
 from accelbench.commands.fit.command import RUNS
 from accelbench.shell.inputs import trust_option
+from accelbench.shell.library import library_option
 from accelbench.shell.outputs import force_option, json_option
 
 WINDOW = 4  # as thermo.run_in.verdict has it, which takes its second to import
@@ -34,6 +35,7 @@ WINDOW = 4  # as thermo.run_in.verdict has it, which takes its second to import
 @click.option("--report", type=Path, help="Folder for the report and its figures.")
 @trust_option
 @force_option
+@library_option()
 @json_option
 def runin(**given: Any) -> int:
     """Judge the run-in of recorded cycles: settled, or how many more are needed.

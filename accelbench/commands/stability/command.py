@@ -6,6 +6,7 @@ from typing import Any
 import click
 
 from accelbench.shell.inputs import trust_option
+from accelbench.shell.library import library_option
 from accelbench.shell.outputs import force_option, json_option
 
 
@@ -22,6 +23,7 @@ from accelbench.shell.outputs import force_option, json_option
 @click.option("--report", type=Path, help="Folder for the report and its figures.")
 @trust_option
 @force_option
+@library_option()
 @json_option
 def stability(**given: Any) -> int:
     """Compare runs: repeatability, curves, variance components, verdict.

@@ -165,7 +165,7 @@ def coefficient_row(one: AccelerometerStability, c: CoefficientStability) -> lis
     limits = sigma_limits(one, c)
     return [
         c.name,
-        f"{c.unit} from nominal" if c.name.partition("_at_")[0] == "k1" else c.unit,
+        f"{c.unit} from nominal" if c.from_nominal else c.unit,
         value_and_sigma(s.mean, s.mean_sigma),
         sigma_text(s.sigma_run, limits),
         limits_text(limits),

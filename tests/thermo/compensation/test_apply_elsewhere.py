@@ -19,7 +19,7 @@ from thermo.compensation.model_file import (
     reported_units,
     reporting_factors,
 )
-from thermo.library.terms import LIBRARY, term
+from thermo.library import term, thermal_library
 from thermo.recording.files import RecordedRuns, make_runs
 
 PAGE = Path(__file__).parents[3] / "docs/reference/model-file.md"
@@ -118,7 +118,7 @@ def test_the_lines_of_the_reference_serve_a_model_without_input() -> None:
 
 def test_every_predictive_term_of_the_library_is_tried() -> None:
     tried = {*PLAIN, *REMEMBERING, *TWO_POLES, *MORE}
-    assert {n for n, make in LIBRARY.items() if make().predictive} <= tried
+    assert {n for n, make in thermal_library().terms.items() if make().predictive} <= tried
 
 
 def test_one_reading_at_a_time_is_the_whole_file_or_is_refused() -> None:

@@ -10,10 +10,13 @@ import pytest
 
 from tests.thermo.discrepancy.examples import NOMINAL, hidden_runs
 from thermo.discrepancy.find import find_discrepancy
-from thermo.library.effects import EFFECTS, ThermalEffect
+from thermo.library import thermal_library
+from thermo.library.effects import ThermalEffect
 from thermo.recording.files import read_runs, write_runs
 
-QUICK = [e for e in EFFECTS if not e.event and e.name != "thermal_lag"]  # a search in seconds
+QUICK = [
+    e for e in thermal_library().effects if not e.event and e.name != "thermal_lag"
+]  # a search in seconds
 Spoil = Callable[[pd.DataFrame, np.random.Generator, np.ndarray], None]
 SHARE = 0.01
 FEWER = 80  # simulated nulls: the effect is far beyond luck
@@ -55,7 +58,7 @@ def clean(hidden: str) -> pd.DataFrame:
 
 
 def verdict(
-    frame: pd.DataFrame, folder: Path, effects: Sequence[ThermalEffect] = EFFECTS
+    frame: pd.DataFrame, folder: Path, effects: Sequence[ThermalEffect] | None = None
 ) -> tuple[str, list[str], list[tuple[str, ...]]]:
     """Return what is said of the file that the readings make."""
     path = folder / "runs.csv"

@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose
 from errormodel.model import ErrorModel
 from errormodel.record import Record
 from errormodel.terms import InputChange, Term
-from thermo.library.terms import term
+from thermo.library import term
 
 TIME_S = np.tile(np.arange(0.0, 7200.0, 60.0), 2)
 RUN = np.repeat([0, 1], 120)

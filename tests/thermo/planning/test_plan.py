@@ -223,6 +223,7 @@ k1_limit_ppm = 20.0
 """
 SELF_HEATING_RATE = "sins_self_heating_rate_c_per_min"  # instead of the table
 WITH_FAULT = STATION.model_dump() | {
+    "signals": [{"name": "supply_v", "channel": 310}],
     "emulation": {
         "faults": [{"device": "chamber", "kind": "setpoint_changed", "at_s": 1.0}
                    | {"duration_s": 5.0, "temp_c": 30.0}]

@@ -8,7 +8,8 @@ import pytest
 
 from errormodel.errors import InputError
 from tests.thermo.examples import recorded, simulate_run
-from thermo.recording.channel import channel_of, direction_of, rows_of, smooth_temperature
+from thermo.recording.channel import channel_of, direction_of, rows_of
+from thermo.recording.signals import smooth_temperature
 
 
 def test_a_ramp_has_its_rate_and_its_own_value_everywhere() -> None:

@@ -5,7 +5,7 @@ from scipy.stats import chi2
 
 from errormodel.arrays import FloatArray
 from errormodel.model import ErrorModel
-from thermo.library.terms import MAX_ORDER, term
+from thermo.library import MAX_ORDER, term
 from thermo.selection.orders import WORTH_CHI2
 from thermo.uncertainty.order_choice import UNSEEN_SIGMAS, with_next_orders
 

@@ -12,11 +12,18 @@ from accelbench.commands.demo.hidden_page import NextRun, next_run_lines
 from accelbench.commands.demo.steps import Steps
 from thermo.compensation.model_file import read_model
 from thermo.discrepancy.find import DRAWS
-from thermo.library.terms import term
+from thermo.library import term
 from thermo.planning.sequence import load_sequence
-from thermo.twin.planted import PLANTED, plain_accelerometer, plantable, simulated_by
+from thermo.twin.planted import (
+    plain_accelerometer,
+    plantable,
+    planted_effects,
+    simulated_by,
+    size_in_words,
+)
 
 HERE = Path(__file__).parent
+EXAMPLES = planted_effects()
 
 
 @pytest.fixture
@@ -48,7 +55,7 @@ def test_a_hidden_effect_is_named_from_the_files_and_the_next_run_is_matched(cal
     mine = verdicts.pop(hidden["serial"])
     assert [e["name"] for e in mine["effects"]] == [name]
     found = mine["effects"][0]["parameters"][name]
-    assert abs(found["value"] - 1e6 * PLANTED[name].values[name]) < 4.0 * found["sigma"]
+    assert abs(found["value"] - 1e6 * EXAMPLES[name].values[name]) < 4.0 * found["sigma"]
     assert [a["verdict"] for a in verdicts.values()] == ["nothing"]
     gap = document["next_run"]
     # a run is shorter than its drift's hour of correlation: 3 µg of it are one draw, which the
@@ -70,12 +77,12 @@ BY_THE_CLOCK = {"run_in", "bias_step_at_h"}
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", PLANTED)
+@pytest.mark.parametrize("name", EXAMPLES)
 def test_every_effect_that_can_be_hidden_is_named_and_the_next_run_matched(name, tmp_path):
     made = demo_hidden.run_hidden_demo(tmp_path, name, watch=lambda _: nullcontext(()))
     assert made.right, [(d.serial, d.verdict, [e.name for e in d.effects]) for d in made.verdicts]
     (mine,) = [d for d in made.verdicts if d.serial == made.serial]
-    planted = PLANTED[name]
+    planted = EXAMPLES[name]
     one = term(planted.term) if planted.term else None
     units = [(u.name, u.per_unit) for u in (*one.coefficients, *one.parameters)] if one else []
     found = mine.effects[0].parameters
@@ -134,17 +141,21 @@ def test_the_time_left_follows_the_weights(monkeypatch):
 def test_no_effect_and_a_wrong_one_are_refused_with_the_choices(refused, tmp_path):
     for words in (("--hidden",), ("--hidden", "indexer_harmonic")):
         said = refused("demo", *words, "--out", tmp_path / "demo")
-        assert all(name in said for name in PLANTED)
+        assert all(name in said for name in EXAMPLES)
     assert not (tmp_path / "demo").exists()
 
 
-@pytest.mark.parametrize("name", [n for n, p in PLANTED.items() if p.term])
+@pytest.mark.parametrize("name", [n for n, p in EXAMPLES.items() if p.term])
 def test_what_is_planted_is_within_its_term(name):
     planted = plantable(name)
     one = term(planted.term)
     assert set(planted.values) == {u.name for u in (*one.coefficients, *one.parameters)}
     assert all(p.lo < planted.values[p.name] < p.hi for p in one.parameters)
-    assert "µ" in planted.words() or "ppm" in planted.words() or planted.words().endswith(" s")
+    assert (
+        "µ" in size_in_words(planted)
+        or "ppm" in size_in_words(planted)
+        or size_in_words(planted).endswith(" s")
+    )
     assert plain_accelerometer("A", planted).values.keys() > planted.values.keys()
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from accelbench.cli import main
 from tests.thermo.discrepancy.examples import hidden_runs
-from thermo.library.terms import LIBRARY
+from thermo.library import thermal_library
 from thermo.planning.sequence import load_sequence
 from thermo.recording.files import write_runs
 
@@ -105,10 +105,8 @@ EFFECTS = [
 
 
 def test_an_effect_of_one_s_own_is_named(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    # the term joins the library for as long as the program runs: here, no longer than this test
-    monkeypatch.setitem(LIBRARY, "ripple", LIBRARY["k0"])
     own, runs = tmp_path / "own.py", tmp_path / "runs.csv"
     own.write_text(OWN_EFFECT, encoding="utf-8")
     write_runs(hidden_runs(2, {"wave": 20.0}), runs)
@@ -117,3 +115,4 @@ def test_an_effect_of_one_s_own_is_named(
     value = effect["parameters"]["ripple"]
     assert effect["name"] == "ripple"
     assert abs(value["value"] - 20.0) < 4.0 * value["sigma"]
+    assert "ripple" not in thermal_library().terms  # it joined it for this command alone

@@ -5,12 +5,8 @@ import numpy as np
 from errormodel.record import Record
 from tests.thermo.examples import NOMINAL, TRUTH, simulate_run
 from thermo.planning.foresight import ASSUMED_NOISE
-from thermo.station.observers.live import (
-    PRIOR,
-    PRIOR_SIGMA,
-    LiveEstimate,
-    live_columns,
-)
+from thermo.station.observers.live import LiveEstimate
+from thermo.station.observers.live_model import LIVE_TERMS, LiveModel, LiveReading
 from thermo.store.records import ReadingRow
 
 QUADRATIC = {**TRUTH, "k0_t3": 0.0, "k2": 0.0, "k3": 0.0, "k_ip": 0.0}
@@ -36,15 +32,15 @@ def test_it_equals_the_batch_estimate_of_the_same_readings() -> None:
     live = LiveEstimate({"A": NOMINAL})
     for row in rows_of_run(frame):
         live.on_reading(1, [row])
-    columns = np.array(
-        [live_columns(t, p) for t, p in zip(frame["temp_c"], frame["position_deg"], strict=True)]
-    )
+    model = LiveModel.of(LIVE_TERMS, start={}, t_ref_c=25.0)
+    readings = [LiveReading.of(row, 0.0) for row in rows_of_run(frame)]
+    columns = np.array([model.step(one)[0] for one in readings if one is not None])
     record = Record(time_s=frame["time_s"], signals={})
     y = np.asarray(frame["output"]) / NOMINAL
     whitened = ASSUMED_NOISE.whiten(record, np.column_stack([columns, y]))
     a, b = whitened[:, :-1], whitened[:, -1]
-    information = a.T @ a + np.diag(PRIOR_SIGMA**-2.0)
-    batch = np.linalg.solve(information, a.T @ b + PRIOR_SIGMA**-2.0 * PRIOR)
+    information = a.T @ a + np.eye(model.prior.size)
+    batch = np.linalg.solve(information, a.T @ b + model.prior)
     sigmas = np.sqrt(np.diag(np.linalg.inv(information)))
     fit = live.fit_of("A")
     # the comparison's own normal equations keep five digits of a sigma

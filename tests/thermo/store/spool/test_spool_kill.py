@@ -16,8 +16,8 @@ from thermo.store.spool.recover import spools
 
 WRITER = """
 import logging, random, time
-from thermo.store import bypass as store_bypass
-from thermo.store import spool as store_spool
+from thermo.store.spool import bypass as store_bypass
+from thermo.store.spool import spooled_store as store_spool
 logging.disable()
 store_bypass.TELL_S = 0.0
 

@@ -1,0 +1,146 @@
+"""Thermal lags: the inside of the accelerometer follows its thermistor."""
+
+from collections.abc import Callable, Sequence
+
+import numba
+import numpy as np
+
+from errormodel.arrays import FloatArray
+from errormodel.record import Record
+from errormodel.terms import Effect, InputChange, Memory, Parameter, Values
+from thermo.library.effects import Context, Example, Form, ThermalEffect, log_grid
+
+LAGGING = ("x_c", "x_slow_c", "rate_c_per_min")  # what is of the inside where it was measured
+
+
+@numba.njit(cache=True)
+def _follow(
+    time_s: FloatArray, x: FloatArray, tau_s: float, last_t: float, last_x: float, state: float
+) -> FloatArray:
+    out = np.empty(x.size)
+    for k in range(x.size):
+        step = time_s[k] - last_t
+        if step > 0:
+            slope = (x[k] - last_x) / step
+            keep = np.exp(-step / tau_s)
+            # exact answer of a first-order lag to an input that is straight between readings
+            state = x[k] - slope * tau_s + (state - last_x + slope * tau_s) * keep
+        last_t, last_x = time_s[k], x[k]
+        out[k] = state
+    return out
+
+
+def thermal_lag() -> InputChange:
+    """Return the lag of the accelerometer's inside behind its thermistor."""
+
+    def change(record: Record, values: Values, memory: Memory) -> tuple[Record, Memory]:
+        tau_s = values["thermal_lag"]
+        changed: dict[str, FloatArray] = {}
+        after: dict[str, Memory] = {}
+        for signal in LAGGING:
+            if signal not in record.signals:
+                continue
+            pieces: list[FloatArray] = []
+            for index, readings in enumerate(record.run_slices):
+                time_s, x = record.time_s[readings], record[signal][readings]
+                before = memory[signal] if memory and index == 0 else None
+                start = before or (float(time_s[0]), float(x[0]), float(x[0]))
+                inner = _follow(time_s, x, tau_s, *start)
+                after[signal] = (float(time_s[-1]), float(x[-1]), float(inner[-1]))
+                pieces.append(inner)
+            changed[signal] = np.concatenate(pieces) if pieces else record[signal]
+        return record.with_signals(**changed), after
+
+    return InputChange(
+        name="thermal_lag",
+        sentence="The inside of the accelerometer follows its thermistor with a time constant.",
+        change=change,
+        parameters=(
+            Parameter(name="thermal_lag", symbol="τ", unit="s", lo=0.1, hi=3600.0, start=60.0),
+        ),
+        needs=frozenset(["x_c"]),
+    )
+
+
+def thermal_lag_two_poles() -> InputChange:
+    """Return a lag of two poles in a row: `thermal_lag` behind `thermal_lag_second`."""
+
+    def change(record: Record, values: Values, memory: Memory) -> tuple[Record, Memory]:
+        changed: dict[str, FloatArray] = {}
+        after: dict[str, Memory] = {}
+        for signal in LAGGING:
+            if signal not in record.signals:
+                continue
+            pieces: list[FloatArray] = []
+            for index, readings in enumerate(record.run_slices):
+                time_s, x = record.time_s[readings], record[signal][readings]
+                before = memory[signal] if memory and index == 0 else None
+                t0, x0, y0, z0 = before or (float(time_s[0]), *(float(x[0]),) * 3)
+                inner = _follow(time_s, x, values["thermal_lag"], t0, x0, y0)
+                last = _follow(time_s, inner, values["thermal_lag_second"], t0, y0, z0)
+                after[signal] = tuple(float(v[-1]) for v in (time_s, x, inner, last))
+                pieces.append(last)
+            changed[signal] = np.concatenate(pieces) if pieces else record[signal]
+        return record.with_signals(**changed), after
+
+    return InputChange(
+        name="thermal_lag_two_poles",
+        sentence="The inside of the accelerometer follows its thermistor through two thermal "
+        "resistances in a row.",
+        change=change,
+        parameters=(
+            Parameter(name="thermal_lag", symbol="τ", unit="s", lo=0.1, hi=3600.0, start=60.0),
+            Parameter(
+                name="thermal_lag_second",
+                symbol="τ2",
+                unit="s",
+                lo=0.1,
+                hi=3600.0,
+                start=20.0,
+                family="thermal_lag",
+                label="second",
+            ),
+        ),
+        needs=frozenset(["x_c"]),
+    )
+
+
+def _forms(at: Context) -> Sequence[Form]:
+    if {"thermal_lag", "thermal_lag_two_poles"} & at.term_names:
+        return []
+    longest = float(np.clip(at.run_s / 4.0, 60.0, 3600.0))
+    pairs = tuple(
+        (float(t), float(t) * share)
+        for t in np.geomspace(4.0, longest, 9)
+        for share in (0.1, 0.4, 1.0)
+    )
+    return [
+        Form(
+            terms=("thermal_lag",),
+            parameters=("thermal_lag",),
+            grid=log_grid(0.1, longest, 26),
+        ),
+        Form(
+            terms=("thermal_lag_two_poles",),
+            parameters=("thermal_lag", "thermal_lag_second"),
+            grid=pairs,
+        ),
+    ]
+
+
+TERMS: dict[str, Callable[[], Effect]] = {
+    "thermal_lag": thermal_lag,
+    "thermal_lag_two_poles": thermal_lag_two_poles,
+}
+EFFECTS = (
+    ThermalEffect(
+        name="thermal_lag",
+        sentence="The inside of the accelerometer follows its thermistor with a time constant of "
+        "{size}: its temperature is not the one recorded while that changes.",
+        forms=_forms,
+        experiment="a second ramp rate, and holds of three time constants after each ramp: a lag "
+        "dies away in them, and grows with the slope of the scale factor and bias there",
+        # the thermistor sits on the shell, the proof mass a minute behind it
+        example=Example(term="thermal_lag", values={"thermal_lag": 60.0}),
+    ),
+)
