@@ -173,12 +173,14 @@ class ProgressView:
     def _estimate(self) -> str:
         """Tell K0 and K1 where they can be compared over the test: at one temperature."""
         values = self._live.values() if self._live else ()
+        if not values:
+            return ""
         told = [
             f"{v.serial} K0 {value_and_sigma(v.k0_ref_ug, v.k0_ref_sigma_ug)} µg, "
             f"K1 {value_and_sigma(1e6 * (v.k1_ref - 1.0), v.k1_ref_sigma_ppm)} ppm from nominal"
             for v in values[:SHOWN]
         ]
-        return copied(f" · at {values[0].t_ref_c:g} °C: {' · '.join(told)}") if told else ""
+        return copied(f" · at {values[0].t_ref_c:g} °C: {' · '.join(told)}")
 
     def _draw(self, task: TaskID, *, completed: float, description: str, note: str) -> None:
         if self._bar is None:

@@ -22,12 +22,15 @@ def ramp_lines(verdicts: Sequence[RampVerdict], *, verbose: bool) -> Iterator[st
     judged = [v for v in verdicts if v.readings]
     passed = [v for v in judged if v.passed]
     worst = max((_off_percent(v) for v in judged), default=None)
-    line = f"{len(passed)} of {len(judged)} ramps uniform"
+    parts: list[str] = []
     if worst is not None:
-        line += f", the mean rate at worst {number(worst, 2)} % from the commanded one"
+        parts.append(
+            f"{len(passed)} of {len(judged)} ramps uniform, the mean rate at worst "
+            f"{number(worst, 2)} % from the commanded one"
+        )
     if unjudged := len(verdicts) - len(judged):
-        line += f"; {unjudged} had {UNJUDGED}"
-    yield line + ("" if verbose else "; -v tells each")
+        parts.append(f"{unjudged} ramps had {UNJUDGED}")
+    yield "; ".join(parts if verbose else [*parts, "-v tells each"])
     for v in verdicts:
         if verbose or (v.readings and not v.passed):
             yield f"  {v.sentence}"

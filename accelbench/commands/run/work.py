@@ -189,7 +189,7 @@ def _afterwards(job: Job, outcome: TestOutcome, out: Path | None) -> Afterwards:
         with told("run-in not judged"):
             done = replace(done, settled=_run_in(job, outcome))
     if job.resume is not None:
-        with told("readings not counted"), open_existing_store(job.store) as store:
+        with told("readings not counted"), open_existing_store(job.store_url) as store:
             voided = store.readings(outcome.test_id)["voided"]
             done = replace(done, in_store=len(voided), repeated=int((voided != "").sum()))
     if out is not None:

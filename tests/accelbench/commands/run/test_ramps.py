@@ -24,7 +24,7 @@ def test_a_ramp_that_is_not_uniform_is_told_and_with_v_each_is():
     short = replace(GOOD, readings=0, passed=False, sentence="QA-001, run 3: too short")
     lines = list(ramp_lines([GOOD, bad, short], verbose=False))
     assert lines[0].startswith("1 of 2 ramps uniform")
-    assert "1 had too few readings to be judged" in lines[0]
+    assert "1 ramps had too few readings to be judged" in lines[0]
     assert [line for line in lines if "segment" in line] == [f"  {bad.sentence}"]
     every = list(ramp_lines([GOOD, bad, short], verbose=True))
     assert [line.strip() for line in every[1:4]] == [v.sentence for v in (GOOD, bad, short)]
