@@ -12,7 +12,6 @@ rig`. Nothing is imported before it is asked for::
 """
 
 import importlib
-from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING, Any
 
 from accelbench.lazy_names import lazy_names
@@ -109,6 +108,8 @@ _get = lazy_names("accelbench", {name: home for home, names in _HOMES.items() fo
 def __getattr__(name: str) -> Any:
     """Import a name when it is first asked for."""
     if name == "__version__":
+        from importlib.metadata import PackageNotFoundError, version
+
         try:
             return version("accelbench")
         except PackageNotFoundError:

@@ -1,10 +1,11 @@
 """The command `accelbench`: parses, calls one function, shows what came out.
 
-Exit codes: 0 done; 1 a criterion failed or the work was stopped; 2 misuse or bad input, told in
-one line on standard error, with nothing written.
+Exit codes: 0 done; 1 a criterion failed, or a test was stopped; 2 misuse or bad input, told in one
+line on standard error, with nothing written; 130 the work was stopped by Ctrl-C.
 """
 
 import contextlib
+import json
 import logging
 import os
 import sys
@@ -13,11 +14,12 @@ from collections.abc import Generator, Sequence
 
 import click
 
+from accelbench.shell.advice import advice
 from accelbench.shell.lazy import LazyGroup
-from accelbench.shell.surroundings import DONE, FAILED, MISUSE, Shell
+from accelbench.shell.surroundings import DONE, MISUSE, STOPPED, Shell
 from accelbench.shell.terminal import Terminal, open_closed_descriptors
 from drivers.errors import InstrumentError
-from errormodel.errors import WorkbenchError
+from errormodel.errors import InputError, WorkbenchError
 
 # name: module, attribute, what it does
 COMMANDS = {
@@ -71,7 +73,7 @@ def accelbench() -> None:
     """Characterise accelerometers over temperature, and compensate them.
 
     Every command takes --json: one JSON document on standard output and nothing else. Exit codes:
-    0 done, 1 a criterion failed, 2 misuse or bad input.
+    0 done, 1 a criterion failed, 2 misuse or bad input, 130 stopped.
     """
 
 
@@ -86,18 +88,20 @@ def main(argv: Sequence[str] | None = None) -> int:
     Returns
     -------
     int
-        0 done, 1 a criterion failed, 2 misuse or bad input.
+        0 done, 1 a criterion failed, 2 misuse or bad input, 130 stopped by Ctrl-C.
     """
     if argv is None:
         open_closed_descriptors()
-    # the matrices here are long and narrow: more threads only wait for one another
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    given = list(sys.argv[1:] if argv is None else argv)
     with Terminal() as terminal, _warnings_held(Shell(terminal)) as shell:
-        code, complaint = _run(list(sys.argv[1:] if argv is None else argv), shell)
+        code, complaint = _run(given, shell)
         if code != MISUSE:
             shell.held.go_live()
         if complaint:
-            click.echo(f"accelbench: {' '.join(complaint.split())}", err=True)
+            said = " ".join(complaint.split())
+            click.echo(f"accelbench: {said}", err=True)
+            if "--json" in given:
+                click.echo(json.dumps({"error": said, "exit_code": code}, ensure_ascii=False))
         return shell.end(code, program=argv is None)
 
 
@@ -116,10 +120,13 @@ def _run(argv: list[str], shell: Shell) -> tuple[int, str]:
     except click.UsageError as err:
         where = err.ctx.command_path.removeprefix("accelbench").strip() if err.ctx else ""
         return MISUSE, ": ".join(part for part in (where, err.format_message()) if part)
+    except InputError as err:
+        helps = advice(err.source, argv)
+        return MISUSE, f"{err}; {helps}" if helps else str(err)
     except (WorkbenchError, InstrumentError) as err:
         return MISUSE, str(err)
     except (_StoppedError, KeyboardInterrupt, click.Abort):
-        return FAILED, "stopped"
+        return STOPPED, "stopped"
     except _PipeError as err:
         return MISUSE, str(err)
     except OSError as err:

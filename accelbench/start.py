@@ -5,11 +5,14 @@ ours would be imported in its place, and fail somewhere inside.
 """
 
 import importlib.util
+import os
 import sys
 from pathlib import Path
 
 PACKAGES = ("errormodel", "drivers", "thermo", "sinscal")
-MISUSE = 2
+MISUSE, STOPPED = 2, 130
+# what tells the libraries for matrices how many threads to take, when they are imported
+THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "GOTO_NUM_THREADS")
 
 
 def foreign_packages(home: Path | None = None) -> dict[str, str]:
@@ -46,6 +49,22 @@ def main() -> int:
             "own: pipx install accelbench\n"
         )
         return MISUSE
-    from accelbench.cli import main as run
+    take_one_thread()
+    try:
+        from accelbench.cli import main as run
 
-    return run()
+        return run()
+    except KeyboardInterrupt:  # while the first modules are being imported
+        sys.stderr.write("accelbench: stopped\n")
+        return STOPPED
+
+
+def take_one_thread() -> None:
+    """Let products of matrices take one thread, unless the user has said how many.
+
+    The matrices here are long and narrow: on a busy machine two threads wait for one another, and
+    a search took seven times as long.
+    """
+    if not any(name in os.environ for name in THREADS):
+        for name in THREADS[:3]:
+            os.environ[name] = "1"

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import click
 
-from accelbench.shell.console import emit
 from accelbench.shell.outputs import force_option, json_option
 from errormodel.errors import InputError
 from errormodel.io.atomic import write_files
@@ -32,6 +31,8 @@ def examples(folder: Path, force: bool, as_json: bool) -> None:
     Sequences, station files, rig programmes, mappings, a recording of two runs, and units for
     systemd. In Python: importlib.resources.files("accelbench") / "examples".
     """
+    from accelbench.shell.console import emit
+
     files = _under(resources.files("accelbench").joinpath("examples"), folder)
     there = next((path for path, _ in files if path.exists()), None)
     if there is not None and not force:

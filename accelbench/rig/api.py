@@ -156,6 +156,7 @@ def flight(
     Result
         One row a moment, with the position error.
     """
+    from accelbench.commands.rig_flight.given import GivenCalibration
     from accelbench.commands.rig_flight.text import flight_document, fly
     from sinscal.flight.covariance import FlightNoise
     from sinscal.flight.trajectory import FlightPlan
@@ -163,7 +164,7 @@ def flight(
 
     plan, noise = plan or FlightPlan(), noise or FlightNoise()
     one = Calibration.of_sensors(list(result.names), np.array(result.covariance))
-    flown = fly(result.mode, one, plan, noise, every_s=every_s)
+    flown = fly(GivenCalibration(name=result.mode, calibration=one), plan, noise, every_s=every_s)
     found = flown.found
     return Result(
         title=f"position error {found.rho_end_m:.0f} m at the end",

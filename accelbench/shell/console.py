@@ -7,9 +7,11 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import click
-from rich import box
 from rich.console import Console, RenderableType
-from rich.table import Table
+from rich.padding import Padding
+from rich.text import Text
+
+from accelbench.shell.tables import TextTable, copied
 
 PLAIN_WIDTH = 160  # of text that goes into a file or a pipe
 
@@ -31,15 +33,23 @@ def emit(document: Mapping[str, Any], text: Iterable[RenderableType], *, as_json
         return
     console = _console()
     for part in text:
-        console.print(part)
+        console.print(_shown(part, console) if isinstance(part, str) else part)
 
 
-def table(*columns: str, right: Sequence[str] = ()) -> Table:
-    """Return an empty table; it is drawn with lines only where somebody looks at a terminal."""
-    made = Table(box=box.SIMPLE_HEAD if sys.stdout.isatty() else None, pad_edge=False)
-    for name in columns:
-        made.add_column(name, justify="right" if name in right else "left", overflow="fold")
-    return made
+def _shown(line: str, console: Console) -> RenderableType:
+    """Return a line whose numbers can be copied, and whose indentation holds when it wraps."""
+    line = copied(line)
+    indent = len(line) - len(line.lstrip(" "))
+    if not indent or not console.is_terminal:
+        return line
+    return Padding(Text(line[indent:]), (0, 0, 0, indent))
+
+
+def table(
+    *columns: str, right: Sequence[str] = (), words: Sequence[str] = (), keys: int = 1
+) -> TextTable:
+    """Return an empty table: `right` are its numbers, `words` may wrap, `keys` lead every part."""
+    return TextTable(columns, right=right, words=words, keys=keys)
 
 
 def number(value: float | None, digits: int = 4) -> str:
@@ -50,6 +60,18 @@ def number(value: float | None, digits: int = 4) -> str:
     if "e" in text and 1e-4 <= abs(value) < 1e7:
         text = f"{value:.0f}"
     return text.replace("-", "−")
+
+
+def value_and_sigma(value: float, sigma: float) -> str:
+    """Write a value with its sigma, to two digits of the sigma."""
+    if not sigma > 0:
+        return number(value, 6)
+    places = min(max(0, 1 - _exponent(sigma)), 12)
+    return f"{value:.{places}f} ± {sigma:.{places}f}".replace("-", "−")
+
+
+def _exponent(value: float) -> int:
+    return int(f"{value:e}".split("e")[1])
 
 
 def micro_g(value: float | None) -> str:

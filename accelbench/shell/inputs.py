@@ -2,12 +2,12 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from thermo.recording.files import RecordedRuns, read_runs
-from thermo.recording.units_check import checked_units
+if TYPE_CHECKING:
+    from thermo.recording.files import RecordedRuns
 
 trust_option = click.option(
     "--trust-units",
@@ -18,7 +18,7 @@ trust_option = click.option(
 
 def read_with_doubts(
     paths: Sequence[Path], *, trust_units: bool
-) -> tuple[RecordedRuns, tuple[str, ...]]:
+) -> tuple["RecordedRuns", tuple[str, ...]]:
     """Read recorded runs, and say what is doubtful about their units.
 
     Raises
@@ -26,12 +26,15 @@ def read_with_doubts(
     InputError
         As `thermo.recording.files.read_runs`; for a doubt unless `trust_units`.
     """
+    from thermo.recording.files import read_runs  # pandas takes its second
+    from thermo.recording.units_check import checked_units
+
     record = read_runs(paths, trust_units=trust_units)
     return record, checked_units(record, trust_units=True) if trust_units else ()
 
 
 def add_reading_counts(
-    document: dict[str, Any], record: RecordedRuns, doubts: Sequence[str]
+    document: dict[str, Any], record: "RecordedRuns", doubts: Sequence[str]
 ) -> None:
     """Add to a result how many readings were left out by which flag, and what is doubtful."""
     flags = record.flag.text()

@@ -1,5 +1,6 @@
 """Groups of commands that are imported when they are called: what some need takes seconds."""
 
+import difflib
 import importlib
 from collections.abc import Mapping
 
@@ -24,6 +25,18 @@ class LazyGroup(click.Group):
         found = getattr(importlib.import_module(f"accelbench.commands.{module}"), attribute)
         assert isinstance(found, click.Command)
         return found
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Return the command that is asked for; of one that is none the nearest name is told."""
+        name = args[0]
+        near = difflib.get_close_matches(name, self.table, n=1)
+        if name not in self.table and not name.startswith("-"):
+            meant = f"; did you mean {near[0]!r}?" if near else ""
+            known = "" if near else f"; expected one of {', '.join(self.table)}"
+            raise click.UsageError(f"no command {name!r}{meant}{known}", ctx)
+        return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the table into the help, without importing anything."""

@@ -5,16 +5,15 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
-from rich.console import RenderableType
 
-from accelbench.shell.console import emit
 from errormodel.errors import InputError
 from errormodel.io.atomic import draft_name, write_files
-from errormodel.io.tables import TABLE_SUFFIXES
-from thermo.recording.files import sidecar_path
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
 
 REPORT_NAME = "report.html"
 TRIAL = 4096  # bytes of the file that proves a place: a full disk still makes empty ones
@@ -28,6 +27,8 @@ def checked_run_output(path: Path, inputs: Sequence[Path], *, force: bool) -> No
     InputError
         If the name is no recorded run's, or either file may not be written.
     """
+    from errormodel.io.tables import TABLE_SUFFIXES, sidecar_path  # pyarrow takes its second
+
     if path.suffix.lower() not in TABLE_SUFFIXES:
         raise InputError(path, "--out", "expected a name ending in .csv or .parquet")
     for one in (path, sidecar_path(path)):
@@ -146,7 +147,7 @@ class Results:
     """What a command answers: a document, the same in words, and files, written together."""
 
     document: dict[str, Any]
-    text: list[RenderableType]
+    text: "list[RenderableType]"
     files: list[tuple[Path, bytes]] = field(default_factory=list[tuple[Path, bytes]])
 
     def add_file(self, kind: str, out: Path | None, content: Callable[[], str]) -> None:
@@ -161,7 +162,7 @@ class Results:
         key: str,
         out: Path,
         files: Sequence[tuple[Path, bytes]],
-        lines: Iterable[RenderableType],
+        lines: "Iterable[RenderableType]",
     ) -> None:
         """Add files that go together, told under `key` by the name asked for; null: none."""
         self.files += files
@@ -177,12 +178,16 @@ class Results:
 
     def write(self, *, as_json: bool) -> None:
         """Write the files, all or none, and then tell."""
+        from accelbench.shell.console import emit
+
         write_files(self.files)
         emit(self.document, self.text, as_json=as_json)
 
 
 def with_sidecars(paths: Sequence[Path]) -> list[Path]:
     """Return recorded runs and the sidecars beside them."""
+    from errormodel.io.tables import sidecar_path
+
     return [q for p in paths for q in (p, sidecar_path(p))]
 
 

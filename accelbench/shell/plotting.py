@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from errormodel.arrays import FloatArray, IntArray
 from thermo.recording.channel import COOLING, HEATING, HOLD
@@ -28,7 +29,8 @@ DIRECTION_STYLE = {
     COOLING: ("cooling", COOLING_COLOUR, "v"),
 }
 MAX_POINTS = 6000  # of one scatter: more only blackens the page and takes its time
-DPI = 110
+DPI = 140  # sharp enough on paper
+CORRELATED = 0.3  # a parameter without such a correlation is not in the picture of them
 MILLI_FROM_UG = 5000.0  # larger values are shown in mg
 
 
@@ -50,7 +52,9 @@ class Picture:
 
 def new_figure(width_in: float, height_in: float) -> Any:
     """Return an empty figure that places its parts without overlap."""
-    figure = Figure(figsize=(width_in, height_in), dpi=DPI, layout="constrained")
+    # the titles of lower panels keep off the labels of those above
+    layout = ConstrainedLayoutEngine(h_pad=0.08, w_pad=0.06)
+    figure = Figure(figsize=(width_in, height_in), dpi=DPI, layout=layout)
     FigureCanvasAgg(figure)
     return figure
 
@@ -125,6 +129,42 @@ def legend_below(
         frameon=False,
         markerscale=enlarge,
     )
+
+
+def draw_correlation_matrix(
+    names: Sequence[str], matrix: FloatArray, name: str, title: str
+) -> Picture:
+    """Draw the correlations of the parameters that correlate with another one at all.
+
+    Parameters
+    ----------
+    names : sequence of str
+    matrix : ndarray, shape (p, p)
+    name : str
+        Of the file.
+    title : str
+        What the parameters are of; empty for none.
+    """
+    apart = np.abs(matrix - np.diag(np.diag(matrix)))
+    shown = np.flatnonzero(apart.max(axis=1, initial=0.0) >= CORRELATED)
+    if not shown.size:
+        shown = np.arange(len(names))
+    left = len(names) - shown.size
+    size = 3.4 + 0.19 * shown.size
+    figure = new_figure(size + 1.0, size)
+    axes = figure.subplots()
+    image = axes.imshow(matrix[np.ix_(shown, shown)], vmin=-1.0, vmax=1.0, cmap="RdBu_r")
+    told = [names[int(k)] for k in shown]
+    axes.set_xticks(range(shown.size), told, rotation=90.0, fontsize=7)
+    axes.set_yticks(range(shown.size), told, fontsize=7)
+    if title:
+        axes.set_title(title, fontsize=10)
+    bar = figure.colorbar(image, ax=axes, shrink=0.7)
+    bar.set_label("correlation", fontsize=9)
+    bar.ax.tick_params(labelsize=8)
+    caption = f"Correlations beyond ±{CORRELATED:g} of what is estimated"
+    caption += f"; {left} further parameters have none." if left else "."
+    return picture(figure, name, caption)
 
 
 def file_part(serial: str) -> str:

@@ -12,7 +12,7 @@ import click
 from accelbench.shell.terminal import Terminal
 from thermo.station.observers.detached import CLOSE_S
 
-DONE, FAILED, MISUSE = 0, 1, 2
+DONE, FAILED, MISUSE, STOPPED = 0, 1, 2, 130
 HELD_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 

@@ -14,7 +14,7 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Mapping
-from typing import TextIO
+from typing import Any, TextIO
 
 from thermo.station.observers.detached import Kind, ObserverWorker, counted
 
@@ -146,6 +146,11 @@ class Stream(io.TextIOBase):
         self._post(whole + newline)
         return len(text)
 
+    @property
+    def buffer(self) -> "_Bytes":
+        """What takes bytes: the shell's completion is written so."""
+        return _Bytes(self)
+
     def flush(self) -> None:
         """Hand over what has no end of line yet."""
         if self._worker is not None:
@@ -169,6 +174,22 @@ class Stream(io.TextIOBase):
     def _post(self, text: str) -> None:
         if text and self._worker is not None:
             self._worker.post(lambda: self.show(text), self._kind)
+
+
+class _Bytes(io.RawIOBase):
+    """The stream for whoever writes bytes."""
+
+    def __init__(self, stream: Stream) -> None:
+        self._stream = stream
+
+    def writable(self) -> bool:
+        """Return True."""
+        return True
+
+    def write(self, data: Any, /) -> int:
+        """Write text that was encoded."""
+        self._stream.write(bytes(data).decode(self._stream.encoding, "replace"))
+        return len(data)
 
 
 class Terminal:

@@ -1,6 +1,7 @@
 """Opening a serial port or a serial server's TCP port, and what may go wrong with one."""
 
 import contextlib
+import re
 import socket
 import termios
 from typing import Literal
@@ -15,6 +16,8 @@ Flow = Literal["none", "xon_xoff", "rts_cts"]
 
 # what pyserial and the system raise for a port that is not there, gone, or mistyped
 PORT_ERRORS = (OSError, termios.error, ValueError, TypeError)
+# pyserial tells the port and the error's number once more around what the system says
+TWICE = re.compile(r"^\[Errno \d+\] could not open port [^:]+: \[Errno \d+\] ")
 
 
 class _SocketPort(protocol_socket.Serial):
@@ -96,4 +99,5 @@ def address(url: str, name: str) -> str:
 
 def error_text(err: BaseException) -> str:
     """Return an error's text on one line."""
-    return " ".join(str(err).split()) or type(err).__name__
+    text = " ".join(str(err).split()) or type(err).__name__
+    return TWICE.sub("", text)

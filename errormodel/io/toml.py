@@ -1,10 +1,14 @@
 """Reading TOML into checked, frozen configurations; every complaint is one line with its place."""
 
+import difflib
 import tomllib
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_args
 
 from pydantic import BaseModel, ValidationError
+from pydantic.fields import FieldInfo
+from pydantic_core import ErrorDetails
 
 from errormodel.errors import InputError
 
@@ -46,7 +50,10 @@ def parse_toml(text: str, source: Path | str) -> dict[str, Any]:
     try:
         return tomllib.loads(text)
     except (tomllib.TOMLDecodeError, ValueError, RecursionError) as err:
-        raise InputError(source, "", f"not TOML: {err}") from None
+        quotes = "; text stands in quotes" if "Invalid value" in str(err) else ""
+        other = Path(source).suffix.lower() not in ("", ".toml")
+        expected = ", expected a .toml file" if other else quotes
+        raise InputError(source, "", f"not TOML: {err}{expected}") from None
 
 
 def check(data: Any, config: type[Config], source: Path | str) -> Config:
@@ -60,19 +67,42 @@ def check(data: Any, config: type[Config], source: Path | str) -> Config:
     try:
         return config.model_validate(data)
     except ValidationError as err:
-        first = err.errors(include_url=False)[0]
+        first, *others = err.errors(include_url=False)
+        # a misspelt key is missing under its right name: the misspelling is what to mend
+        strange = [".".join(map(str, e["loc"])) for e in others if e["type"] == "extra_forbidden"]
+        more = [f"no such key: {', '.join(strange)}"] if strange else []
+        if left := len(others) - len(strange):
+            more.append(f"{left} more like it")
         place = ".".join(str(part) for part in first["loc"])
-        got = first.get("input")
-        shown = (
-            ""
-            if isinstance(got, dict | list | BaseModel) or first["type"] == "missing"
-            else f" (got {got!r:.60})"
-        )
-        more = f"; {err.error_count() - 1} more like it" if err.error_count() > 1 else ""
-        message = first["msg"].removeprefix("Value error, ")
-        raise InputError(source, place, f"{message}{shown}{more}") from None
+        problem = "; ".join((_problem(first, config), *more))
+        raise InputError(source, place, problem) from None
     except RecursionError:
         raise InputError(source, "", "nested too deeply") from None
+
+
+def _problem(one: ErrorDetails, config: type[BaseModel]) -> str:
+    """Return what is wrong with a key, and what was expected."""
+    got, context = one.get("input"), one.get("ctx", {})
+    if one["type"] == "extra_forbidden":
+        known = _keys_at(one["loc"][:-1], config)
+        near = difflib.get_close_matches(str(one["loc"][-1]), known, n=1)
+        return "no such key" + (f" (did you mean {near[0]}?)" if near else "")
+    if one["type"] == "union_tag_invalid":
+        return f"{context['tag']!r}, expected one of {context['expected_tags']}"
+    message = one["msg"].removeprefix("Value error, ")
+    if isinstance(got, dict | list | BaseModel) or one["type"] == "missing":
+        return message
+    return f"{message} (got {got!r:.60})"
+
+
+def _keys_at(place: tuple[int | str, ...], config: type[BaseModel]) -> list[str]:
+    """Return the keys that may stand in a table of a configuration; none where it is not known."""
+    at: Any = config
+    for part in place:
+        at = at.model_fields[part].annotation if part in getattr(at, "model_fields", {}) else at
+        at = next((a for a in (at, *get_args(at)) if hasattr(a, "model_fields")), at)
+    fields: Mapping[str, FieldInfo] = getattr(at, "model_fields", {})
+    return [info.alias or name for name, info in fields.items()]
 
 
 def read_toml(path: Path | str, config: type[Config]) -> Config:

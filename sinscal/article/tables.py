@@ -90,7 +90,7 @@ class Reading:
             else "The attitude starts anew in each cycle.",
             "The azimuth of the rotation axis is left to the filter."
             if self.azimuth_arcmin is None
-            else f"The azimuth of the rotation axis is known to {self.azimuth_arcmin:g}′.",
+            else f"The azimuth of the rotation axis is known to {self.azimuth_arcmin:g} arcmin.",
             bases[self.base],
             "The mounting is another unknown in each cycle."
             if self.remounted

@@ -85,7 +85,7 @@ MISALIGNMENT = Group(
     kinds=("accel",),
     make=misalignment,
     prior_sigma=3.0 * ARCMIN,
-    told=Told(unit="′", size=ARCMIN),
+    told=Told(unit="arcmin", size=ARCMIN),
     signs="accel_misalignment_ab is Γab: what a force along b adds to accelerometer a",
     basic=True,
 )

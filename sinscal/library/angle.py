@@ -26,7 +26,7 @@ MOUNTING = tuple(
         family=MOUNT,
         axis=a,
         prior_sigma=MOUNT_SIGMA_RAD,
-        told=Told(unit="′", size=ARCMIN),
+        told=Told(unit="arcmin", size=ARCMIN),
     )
     for a in AXES
 )
@@ -77,7 +77,7 @@ HARMONIC, HARMONIC_2 = (
         kinds=("angle",),
         make=_harmonic(order),
         prior_sigma=120.0 * ARCSEC,
-        told=Told(unit="″", size=ARCSEC),
+        told=Told(unit="arcsec", size=ARCSEC),
     )
     for name, order in (("rig_angle_harmonic", 1), ("rig_angle_harmonic_2", 2))
 )

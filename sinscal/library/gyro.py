@@ -70,7 +70,7 @@ MISALIGNMENT = Group(
     kinds=("gyro",),
     make=misalignment,
     prior_sigma=3.0 * ARCMIN,
-    told=Told(unit="′", size=ARCMIN),
+    told=Told(unit="arcmin", size=ARCMIN),
     signs="gyro_misalignment_ab is Θab: what a rate about b adds to gyro a",
     basic=True,
 )

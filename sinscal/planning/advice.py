@@ -6,6 +6,7 @@ Each change is tried on the same filter: its sigmas say what the programme as it
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+from errormodel.progress import stage, track
 from sinscal.calibration.rig import Mode
 from sinscal.filter.data import RigNoise
 from sinscal.frames.earth import ARCMIN
@@ -73,12 +74,22 @@ def analyse_programme(
     sensors = sensors_with(wanted, file, angle=angle)
     prior, noise = make_prior(sensors, priors), file.noise.filtered
     azimuth, warming = file.azimuth_sigma_rad, file.warming
-    found = rig_covariance(
-        file, sensors, prior, noise, angle=angle, azimuth_sigma_rad=azimuth, warming=warming
-    )
-    return found, plan_advice(
-        found, file, sensors, prior, noise, angle=angle, azimuth_sigma_rad=azimuth, warming=warming
-    )
+    with stage(0.0, 0.5):
+        found = rig_covariance(
+            file, sensors, prior, noise, angle=angle, azimuth_sigma_rad=azimuth, warming=warming
+        )
+    with stage(0.5, 1.0):
+        advice = plan_advice(
+            found,
+            file,
+            sensors,
+            prior,
+            noise,
+            angle=angle,
+            azimuth_sigma_rad=azimuth,
+            warming=warming,
+        )
+    return found, advice
 
 
 def plan_advice(
@@ -94,7 +105,7 @@ def plan_advice(
 ) -> tuple[Advice, ...]:
     """Return the changes that are worth it; parameters as of `rig_covariance`, `found` by it."""
     out: list[Advice] = []
-    for change, changed, azimuth in _changes(programme, sensors, azimuth_sigma_rad):
+    for change, changed, azimuth in track(tuple(_changes(programme, sensors, azimuth_sigma_rad))):
         better = rig_covariance(
             changed, sensors, prior, noise, angle=angle, azimuth_sigma_rad=azimuth, warming=warming
         )
@@ -108,7 +119,7 @@ def _changes(
     programme: Programme, sensors: SensorModel, azimuth_sigma_rad: float | None
 ) -> Iterator[tuple[str, Programme, float | None]]:
     if azimuth_sigma_rad is None or azimuth_sigma_rad > ARCMIN:
-        yield "the azimuth of the rotation axis known to 1′", programme, ARCMIN
+        yield "the azimuth of the rotation axis known to 1 arcmin", programme, ARCMIN
     speeds = {abs(s.rate_deg_s) for c in programme.cycles for s in c.segments} - {0.0}
     if len(speeds) == 1 and any(one.group == LEVER_ARM.name for one in sensors.parameters.values()):
         cycles = tuple(_at_two_speeds(c) for c in programme.cycles)

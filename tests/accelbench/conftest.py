@@ -132,7 +132,11 @@ def refused(call, tmp_path: Path) -> Callable[..., str]:
         before = contents()
         done = call(*args)
         assert done.code == 2, done
-        assert done.out == ""
+        if "--json" in args:
+            said = done.err.removeprefix("accelbench: ").removesuffix("\n")
+            assert done.document == {"error": said, "exit_code": 2}
+        else:
+            assert done.out == ""
         assert done.err.startswith("accelbench: ")
         assert done.err.count("\n") == 1, done.err
         assert "error of the program" not in done.err

@@ -1,12 +1,15 @@
 import json
+import os
 import subprocess
 import sys
+from typing import get_args
 
 import click
 import pytest
 
 from accelbench import cli
 from accelbench.cli import COMMANDS, main
+from accelbench.start import THREADS, take_one_thread
 
 
 @pytest.mark.parametrize("command", COMMANDS)
@@ -76,7 +79,7 @@ def test_what_goes_wrong_inside_is_one_line_and_shown_in_full_when_asked(
     def broken(*_args: object, **_kwargs: object) -> None:
         raise ZeroDivisionError("a test\nof two lines")
 
-    monkeypatch.setattr("accelbench.commands.fit.command.fit_runs", broken)
+    monkeypatch.setattr("accelbench.commands.fit.work.fit_runs", broken)
     done = call("fit", two_runs)
     assert done.code == 2
     assert done.err.count("\n") == 1
@@ -87,13 +90,13 @@ def test_what_goes_wrong_inside_is_one_line_and_shown_in_full_when_asked(
 
 
 @pytest.mark.parametrize(
-    ("raised", "code"), [(KeyboardInterrupt(), 1), (OSError(28, "No space left", "x.csv"), 2)]
+    ("raised", "code"), [(KeyboardInterrupt(), 130), (OSError(28, "No space left", "x.csv"), 2)]
 )
 def test_other_ends(call, monkeypatch, two_runs, raised, code):
     def ends(*_args: object, **_kwargs: object) -> None:
         raise raised
 
-    monkeypatch.setattr("accelbench.commands.fit.command.fit_runs", ends)
+    monkeypatch.setattr("accelbench.commands.fit.work.fit_runs", ends)
     done = call("fit", two_runs)
     assert done.code == code
     said = [line for line in done.err.splitlines() if not line.startswith("accelbench: warning")]
@@ -116,7 +119,7 @@ def test_a_pipe_that_breaks_inside_is_no_reader_that_left(call, monkeypatch, two
     def broken(*_args: object, **_kwargs: object) -> None:
         raise BrokenPipeError(32, "Broken pipe")
 
-    monkeypatch.setattr("accelbench.commands.fit.command.read_with_doubts", broken)
+    monkeypatch.setattr("accelbench.commands.fit.work.read_with_doubts", broken)
     done = call("fit", two_runs)
     assert (done.code, done.err) == (2, "accelbench: pipe: Broken pipe\n")
 
@@ -143,3 +146,74 @@ def test_the_table_of_commands_is_true():
         command = cli.accelbench.get_command(context, name)
         assert command is not None
         assert command.name == name
+
+
+def test_a_help_imports_none_of_the_libraries_that_take_their_second():
+    """`discrepancy` is not among them yet."""
+    program = (
+        "import sys\n"
+        "import click\n"
+        "from accelbench.cli import accelbench\n"
+        "from accelbench.commands.rig.group import rig\n"
+        "for group in (accelbench, rig):\n"
+        "    with click.Context(group) as context:\n"
+        "        for name in group.list_commands(context):\n"
+        "            if name != 'discrepancy':\n"
+        "                assert group.get_command(context, name).get_help(context)\n"
+        "heavy = {'numpy', 'scipy', 'pandas', 'pyarrow', 'matplotlib', 'sqlalchemy', 'numba'}\n"
+        "print(sorted(heavy & set(sys.modules)))\n"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert (done.returncode, done.stdout) == (0, "[]\n"), done.stderr
+
+
+def test_what_a_help_says_of_a_default_is_what_the_work_takes():
+    from accelbench.commands.rig_triad import command as triad
+    from accelbench.commands.run_in import command as runin
+    from sinscal.triad.rests import Unit
+    from thermo.run_in.verdict import WINDOW
+
+    assert runin.WINDOW == WINDOW
+    assert get_args(Unit) == triad.UNITS
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [("accelbench rig cal", "calibrate"), ("accelbench stability --li", "limits")],
+)
+def test_the_shell_s_completion_is_answered(words, said):
+    asked = {"COMP_WORDS": words, "COMP_CWORD": str(len(words.split()) - 1)}
+    done = subprocess.run(
+        [sys.executable, "-m", "accelbench"],
+        env=os.environ | {"_ACCELBENCH_COMPLETE": "bash_complete"} | asked,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert said in done.stdout, done.stderr
+
+
+def test_a_refusal_with_json_is_a_document_too(call):
+    done = call("fit", "lost.csv", "--json")
+    assert done.code == 2
+    assert done.document == {"error": "lost.csv: no such file", "exit_code": 2}
+    assert done.err == "accelbench: lost.csv: no such file\n"
+
+
+@pytest.mark.parametrize(("words", "meant"), [(("ft",), "fit"), (("rig", "calibrte"), "calibrate")])
+def test_a_misspelt_command_is_told_the_nearest(refused, words, meant):
+    assert f"did you mean '{meant}'?" in refused(*words)
+    assert "expected one of demo, run" in refused("zzzzzz")
+
+
+@pytest.mark.parametrize(("told", "expected"), [({}, "1"), ({"OMP_NUM_THREADS": "3"}, None)])
+def test_matrices_take_one_thread_unless_the_user_says_how_many(monkeypatch, told, expected):
+    for name in THREADS:
+        monkeypatch.delenv(name, raising=False)
+    for name, value in told.items():
+        monkeypatch.setenv(name, value)
+    take_one_thread()
+    assert os.environ.get("OPENBLAS_NUM_THREADS") == expected
+    assert os.environ["OMP_NUM_THREADS"] == told.get("OMP_NUM_THREADS", "1")
+    for name in THREADS:
+        monkeypatch.delenv(name, raising=False)

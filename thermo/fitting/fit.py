@@ -10,6 +10,7 @@ from errormodel.errors import InputError, NotSeparableError
 from errormodel.fit import ModelFit, fit
 from errormodel.model import ErrorModel
 from errormodel.noise.model import NoiseModel
+from errormodel.progress import track
 from errormodel.run_effects import RunEffect
 from thermo.fitting.terms_wanted import TermsFile, read_terms
 from thermo.recording.channel import (
@@ -151,7 +152,7 @@ def fit_runs(
         for serial in runs.serials:
             refuse_without_temperature(runs, serial)
     digests = {r: runs.digest(r) for r in runs.run_ids}
-    return tuple(_fit_one(runs, s, wanted, tuple(holdout), digests) for s in runs.serials)
+    return tuple(_fit_one(runs, s, wanted, tuple(holdout), digests) for s in track(runs.serials))
 
 
 def _fit_one(

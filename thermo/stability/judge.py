@@ -14,6 +14,7 @@ import numpy as np
 
 from errormodel.errors import InputError
 from errormodel.noise.allan import AllanDeviation, allan_deviation
+from errormodel.progress import stage, track
 from errormodel.statistics.scatter import holm
 from errormodel.statistics.variance import VarianceFit
 from thermo.fitting.fit import TermsFile, fit_runs
@@ -48,8 +49,8 @@ from thermo.stability.shape import Shape, shape_of
 DEFINITION = (
     "Repeatability: the agreement of repeated measurements of the same quantity under the same "
     "conditions, with changed conditions or non-operating periods between them. (Stability would "
-    "be its invariance under one fixed operating condition.) Words of IEEE Std 528 from memory, "
-    "not checked against the standard."
+    "be its invariance under one fixed operating condition.) Terms as IEEE Std 528 uses them, the "
+    "wording is ours."
 )
 # Of a hold, for its Allan deviation: readings in a row, spaced evenly to within this share.
 MIN_HOLD, EVEN = 24, 0.2
@@ -196,10 +197,13 @@ def judge_stability(
     order, by_time = _order(usable)
     spans_s = _spans_s(usable)
     between = intervals(order, asked.between, usable.run_start_utc, spans_s)
-    batch = tuple(
-        fit_run_by_run(one, [r for r in order if r in one.channel.run_ids])
-        for one in fit_runs(usable, terms=wanted, at_one_temperature=True)
-    )
+    with stage(0.0, 0.4):
+        fits = fit_runs(usable, terms=wanted, at_one_temperature=True)
+    with stage(0.4, 0.8):
+        batch = tuple(
+            fit_run_by_run(one, [r for r in order if r in one.channel.run_ids])
+            for one in track(fits)
+        )
     events = common_events(batch)
     own = tuple(without_common(one, events) for one in batch)
     days = _days(order, usable.run_start_utc, spans_s) if by_time else {}

@@ -270,7 +270,7 @@ def _with_sentence(verdict: RampVerdict, rule: Uniformity) -> RampVerdict:
     else:
         word = "uniform" if verdict.passed else "not uniform"
         sentence = (
-            f"{place}: {word}: {verdict.measured:+.3f} ± {verdict.measured_sigma:.3f} °C/min for "
+            f"{place}: {word}: {verdict.measured:+.3f} ± {verdict.measured_sigma:.1g} °C/min for "
             f"{verdict.commanded:+.3f} commanded, {100 * verdict.share_inside:.1f} % of "
             f"{verdict.readings} readings within ±{verdict.half_band:.3f} "
             f"({100 * rule.min_share_inside:g} % are asked for)"

@@ -4,10 +4,10 @@ from collections.abc import Sequence
 
 from accelbench.commands.combine.figures import combine_pictures
 from accelbench.commands.combine.text import ALL_COLUMNS, chamber_lines, combined_rows
-from accelbench.commands.rig_calibrate.page import calibration_sections
+from accelbench.commands.rig_calibrate.page import calibration_sections, verdict_boxes
 from accelbench.joint.result_file import CombinedResult
 from accelbench.shell.outputs import REPORT_NAME
-from accelbench.shell.page import Page, ReportTable, Section, render_page
+from accelbench.shell.page import Banner, Page, ReportTable, Section, render_page
 from sinscal.combination.combine import Combination
 from sinscal.judgement.judge import Judged
 from sinscal.model.chamber import ChamberModel
@@ -31,8 +31,19 @@ def render_combined(
         pictures=tuple(combine_pictures(made, run, chambers, result)),
     )
     table = ReportTable(title="", columns=ALL_COLUMNS, rows=tuple(combined_rows(result)))
+    worth = told[1]
+    agrees = not result.contradictions and result.converged
     page = Page(
-        title=f"Rig and chamber combined, {result.mode}, of {result.run.source}",
+        verdicts=(
+            Banner(
+                text="; ".join(result.contradictions)
+                or ("rig and chamber agree" if agrees else "not converged"),
+                state="good" if agrees else "bad",
+            ),
+            *verdict_boxes(result),
+            Banner(text=worth),
+        ),
+        title=f"Rig and chamber combined, {result.mode}, of {mounted}, {result.run.source}",
         sections=(first, *calibration_sections(judged, run, result, table)),
     )
     return render_page(page, REPORT_NAME)

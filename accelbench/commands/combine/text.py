@@ -12,6 +12,7 @@ from accelbench.commands.rig_calibrate.text import (
 from accelbench.joint.result_file import CombinedResult
 from accelbench.shell.console import number, table
 
+HELPS = 0.99  # of the flight's error beforehand: above it combining did not help
 MOVED = "moved, chamber's σ"
 ALL_COLUMNS = (*COLUMNS, MOVED)
 
@@ -34,6 +35,8 @@ def chamber_lines(result: CombinedResult) -> Iterator[str]:
         f"flight error ρ after an hour: {flight.no_thermal:.0f} m without thermal model, "
         f"{flight.before:.0f} m with it applied beforehand, {flight.combined:.0f} m combined"
     )
+    if flight.combined > HELPS * flight.before:
+        yield "combining rig and chamber makes this flight no better than applying the models first"
     for line in result.contradictions:
         yield f"contradiction: {line}"
     if not result.converged:
@@ -42,7 +45,7 @@ def chamber_lines(result: CombinedResult) -> Iterator[str]:
 
 def combined_text(result: CombinedResult) -> Iterator[RenderableType]:
     """Tell a combined calibration in words and a table."""
-    made = table(*ALL_COLUMNS, right=ALL_COLUMNS[2:])
+    made = table(*ALL_COLUMNS, right=ALL_COLUMNS[2:], keys=2)
     for row in combined_rows(result):
         made.add_row(*row)
     yield made

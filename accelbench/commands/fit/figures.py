@@ -30,6 +30,7 @@ from thermo.recording.files import RecordedRuns
 from thermo.selection.residuals import CELL_C
 
 MAX_RUNS, MAX_LINES = 8, 6  # shown in the picture of the runs
+MAX_BRANCHES = 12  # named by their angles
 MAX_ACCELEROMETERS = 12  # with pictures of their own
 
 
@@ -126,6 +127,8 @@ def draw_errors(one: AccelerometerFit, name: str) -> Picture:
     for axes, (values, title), lines in zip(panels, titles, (not fanned, True), strict=True):
         unit = _draw_by_direction(axes, one.channel, values, handles, lines=lines)
         dress(axes, title=title, x="temperature, °C", y=f"output less {known}, {unit}")
+        if not lines:
+            _name_branches(axes, one.channel, values, unit)
     figure.suptitle(plain(one.serial), fontsize=11)
     legend_below(figure, list(handles.values()), list(handles))
     branches = " (a branch for each position)" if fanned else ""
@@ -136,6 +139,21 @@ def draw_errors(one: AccelerometerFit, name: str) -> Picture:
         f"factor only{branches}, right with the model. The two scales differ; lines are means "
         f"over {CELL_C:g} °C.",
     )
+
+
+def _name_branches(axes: Any, channel: Channel, values_ug: FloatArray, unit: str) -> None:
+    """Write each position's angle at the warm end of its branch."""
+    divisor = 1e3 if unit == "mg" else 1.0
+    positions = np.unique(channel.position_deg[np.isfinite(channel.position_deg)])
+    if positions.size > MAX_BRANCHES:
+        return
+    for angle in positions:
+        mine = np.flatnonzero(channel.position_deg == angle)
+        last = mine[int(np.argmax(channel.temp_c[mine]))]
+        at = (channel.temp_c[last], values_ug[last] / divisor)
+        axes.annotate(
+            f"{angle:g}°", at, xytext=(4, 0), textcoords="offset points", fontsize=7, va="center"
+        )
 
 
 def _draw_by_direction(

@@ -1,19 +1,36 @@
 """The report: one HTML file that holds everything, and its figures as PNG beside it."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from accelbench.commands.fit.doubts import not_shown_lines
 from accelbench.commands.fit.figures import MAX_ACCELEROMETERS, pictures
-from accelbench.commands.fit.text import sentences, value_and_sigma
-from accelbench.shell.console import micro_g, number
+from accelbench.commands.fit.text import sentences
+from accelbench.shell.console import micro_g, number, value_and_sigma
 from accelbench.shell.outputs import REPORT_NAME
-from accelbench.shell.page import ReportTable, embedded, rendered, source_rows
+from accelbench.shell.page import (
+    SOURCE_COLUMNS,
+    Banner,
+    Page,
+    ReportTable,
+    Section,
+    render_page,
+    source_rows,
+)
 from errormodel.io.atomic import write_files
 from thermo.compensation.model_file import CLIP_RULE, ModelFile, make_model_file, reported
+from thermo.fitting.findings import find_loop
 from thermo.fitting.fit import AccelerometerFit
 from thermo.recording.files import RecordedRuns
+from thermo.uncertainty.by_position import by_position_sentence
+from thermo.uncertainty.left_out import left_out_sentence
+
+ABREAST = 3  # accelerometers in one table of coefficients: what a sheet of A4 takes
+SUMMARY_COLUMNS = (
+    "serial", "constants only", "with the model", "on runs not fitted", "heating − cooling",
+    "better by", "readings",
+)  # fmt: skip
 
 CONVENTIONS = (
     "Specific force of a body at rest points up with magnitude g; a is in local g.",
@@ -81,28 +98,114 @@ def render_report(
 ) -> dict[str, bytes]:
     """Return a report's files by name, without writing any."""
     extras = extras or ReportExtras()
-    drawn = list(pictures(fits, runs))
-    html = rendered(
-        "report.html.j2",
-        title=title,
-        model=extras.model or make_model_file(fits),
-        clip_rule=CLIP_RULE,
-        summary=_summary(fits),
-        told=[(f.serial, list(sentences(f))) for f in fits],
-        not_shown=list(not_shown_lines(fits)),
-        coefficients=_coefficients(fits),
-        sources=source_rows(runs, {run for f in fits for run in f.digests}),
-        conventions=CONVENTIONS,
-        figures=[embedded(p) for p in drawn],
-        unpictured=max(0, len(fits) - MAX_ACCELEROMETERS),
-        extras=extras,
+    model = extras.model or make_model_file(fits)
+    sections = (
+        *_results(fits, extras),
+        *_coefficient_sections(fits, model),
+        *_closing(fits, runs),
     )
-    return {REPORT_NAME: html.encode(), **{p.name: p.png for p in drawn}}
+    page = Page(
+        title=title,
+        verdicts=tuple(verdicts(fits)),
+        sections=sections,
+        about=f"model {model.model_id}",
+        made_by=f"Model file format {model.format} {model.format_version}, made by "
+        f"{model.software}.",
+    )
+    return render_page(page, REPORT_NAME)
 
 
-def _summary(fits: Sequence[AccelerometerFit]) -> list[list[str]]:
-    return [
-        [
+def verdicts(fits: Sequence[AccelerometerFit]) -> Iterator[Banner]:
+    """Yield what there is to say first: a box for each finding, one for all without any."""
+    sound: list[str] = []
+    for one in fits:
+        found = list(findings(one))
+        if found:
+            state = "bad" if one.worse_than_none else "open"
+            yield Banner(text=f"{one.serial}: {'; '.join(found)}", state=state)
+        else:
+            sound.append(one.serial)
+    if sound:
+        yield Banner(
+            text=f"{', '.join(sound)}: nothing stands out in what the model leaves", state="good"
+        )
+
+
+def findings(one: AccelerometerFit) -> Iterator[str]:
+    """Yield what the residual of an accelerometer's model shows, if it shows anything."""
+    if one.worse_than_none:
+        yield "the model leaves more than constants alone do: it is no model of these readings"
+    loop = find_loop(one)
+    if loop.stands_out and loop.repeats is not False and loop.median_ug is not None:
+        yield (
+            f"a thermal-history effect is left, heating less cooling {micro_g(loop.median_ug)}, "
+            "which no polynomial in temperature can hold"
+        )
+    if one.doubts.left_out:
+        yield left_out_sentence(one.doubts.left_out)
+    if one.doubts.by_position:
+        yield by_position_sentence(one.doubts.by_position)
+    if one.doubts.odd_run is not None:
+        yield f"run {one.doubts.odd_run.run_id} lies apart from the others"
+
+
+def _results(fits: Sequence[AccelerometerFit], extras: ReportExtras) -> Iterator[Section]:
+    yield Section(
+        title="Result",
+        tables=(
+            ReportTable(
+                columns=SUMMARY_COLUMNS,
+                rows=tuple(_summary(fits)),
+                note="Residuals are rms over readings, referred to the input.",
+            ),
+        ),
+        after=extras.notes,
+    )
+    for one in fits:
+        yield Section(title=one.serial, level=3, points=tuple(sentences(one)))
+    yield Section(lines=tuple(not_shown_lines(fits)))
+    for extra in extras.tables:
+        words = tuple(range(len(extra.columns)))
+        yield Section(title=extra.title, tables=(extra,), words=words)
+
+
+def _coefficient_sections(fits: Sequence[AccelerometerFit], model: ModelFile) -> Iterator[Section]:
+    tables = tuple(
+        ReportTable(
+            columns=("coefficient", "unit", *(f.serial for f in some)),
+            rows=tuple(_coefficients(some)),
+        )
+        for some in (fits[k : k + ABREAST] for k in range(0, len(fits), ABREAST))
+    )
+    yield Section(
+        title="Coefficients",
+        tables=tables,
+        words=(0, 1),
+        after=(model.equation, f"{CLIP_RULE[0].upper()}{CLIP_RULE[1:]}."),
+    )
+
+
+def _closing(fits: Sequence[AccelerometerFit], runs: RecordedRuns) -> Iterator[Section]:
+    unpictured = len(fits) - MAX_ACCELEROMETERS
+    told = f"{unpictured} further accelerometers have no figures of their own; they are in the "
+    yield Section(
+        title="Figures",
+        lines=(f"{told}tables.",) if unpictured > 0 else (),
+        pictures=tuple(pictures(fits, runs)),
+    )
+    fitted = {run for f in fits for run in f.digests}
+    rows = tuple(source_rows(runs, fitted))
+    yield Section(
+        title="Sources",
+        tables=(ReportTable(columns=SOURCE_COLUMNS, rows=rows),),
+        words=(0, 1, 2, 5),
+    )
+    yield Section(title="Conventions", points=CONVENTIONS)
+
+
+def _summary(fits: Sequence[AccelerometerFit]) -> Iterator[tuple[str, ...]]:
+    for f in fits:
+        yield (
             f.serial,
             micro_g(f.raw.rms_ug),
             micro_g(f.summary.rms_ug),
@@ -110,34 +213,32 @@ def _summary(fits: Sequence[AccelerometerFit]) -> list[list[str]]:
             micro_g(f.summary.heating_minus_cooling_ug),
             _factor(f),
             f"{f.fit.n}",
-        ]
-        for f in fits
-    ]
+        )
 
 
 def _factor(one: AccelerometerFit) -> str:
     return f"{one.raw.rms_ug / one.summary.rms_ug:.3g} ×" if one.summary.rms_ug else "–"
 
 
-def _coefficients(fits: Sequence[AccelerometerFit]) -> list[list[str]]:
+def _coefficients(fits: Sequence[AccelerometerFit]) -> list[tuple[str, ...]]:
     of_each = [reported(f.fit, f.channel.nominal_scale, f.channel.output_unit) for f in fits]
-    rows: list[list[str]] = []
+    rows: list[tuple[str, ...]] = []
     for name in dict.fromkeys(name for values in of_each for name in values):
         unit = next(str(v[name]["unit"]) for v in of_each if name in v)
         cells = [
             value_and_sigma(float(v[name]["value"]), float(v[name]["sigma"])) if name in v else "–"
             for v in of_each
         ]
-        rows.append([name, unit, *cells])
+        rows.append((name, unit, *cells))
     noises = [f.noise for f in fits]
-    rows.append(["white noise", "µg", *(number(1e6 * n.white, 3) for n in noises)])
-    rows.append(["drift", "µg", *(number(1e6 * n.drift, 3) for n in noises)])
+    rows.append(("white noise", "µg", *(number(1e6 * n.white, 3) for n in noises)))
+    rows.append(("drift", "µg", *(number(1e6 * n.drift, 3) for n in noises)))
     hours = (number(n.drift_tau_s / 3600, 2) if n.drift else "–" for n in noises)
-    rows.append(["drift correlated over", "h", *hours])
-    rows.append(["T_ref", "°C", *(number(f.t_ref_c) for f in fits)])
-    rows.append(["valid from … to", "°C", *(_range(f.valid_c) for f in fits)])
+    rows.append(("drift correlated over", "h", *hours))
+    rows.append(("T_ref", "°C", *(number(f.t_ref_c) for f in fits)))
+    rows.append(("valid for temperatures", "°C", *(_range(f.valid_c) for f in fits)))
     rates = (_range(f.valid_rate_c_per_min) for f in fits)
-    rows.append(["valid from … to", "°C/min", *rates])
+    rows.append(("valid for rates", "°C/min", *rates))
     return rows
 
 

@@ -4,7 +4,6 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from rich.console import RenderableType
-from rich.table import Table
 
 from accelbench.commands.fit.doubts import (
     UNITS,
@@ -12,7 +11,8 @@ from accelbench.commands.fit.doubts import (
     not_shown_lines,
     run_to_run_sentence,
 )
-from accelbench.shell.console import micro_g, number, table
+from accelbench.shell.console import micro_g, number, table, value_and_sigma
+from accelbench.shell.tables import TextTable
 from thermo.compensation.model_file import ModelFile, inside_of, reported, run_to_run_of
 from thermo.fitting.findings import LoopFinding, find_loop, find_order
 from thermo.fitting.fit import AccelerometerFit
@@ -209,7 +209,7 @@ def sentences(one: AccelerometerFit) -> Iterator[str]:
         if noise.drift
         else ", no drift to be seen"
     )
-    head = f", and for a head wrong by {number(one.head_arcsec)}″" if one.head_arcsec else ""
+    head = f", and for a head wrong by {number(one.head_arcsec)} arcsec" if one.head_arcsec else ""
     white = number(1e6 * noise.white, 3)
     yield f"noise {white} µg a reading{drift}; the sigmas allow for both{head}{_repeating(one)}"
     yield run_to_run_sentence(one)
@@ -272,9 +272,10 @@ def _both_units(one: AccelerometerFit, value_ug: float) -> str:
     return text
 
 
-def _coefficients(fits: Sequence[AccelerometerFit]) -> Table:
+def _coefficients(fits: Sequence[AccelerometerFit]) -> TextTable:
     """Return a table of coefficients: value ± sigma, an accelerometer a column."""
-    made = table("coefficient", "unit", *(f.serial for f in fits), right=[f.serial for f in fits])
+    serials = [f.serial for f in fits]
+    made = table("coefficient", "unit", *serials, right=serials, keys=2)
     of_each = [reported(f.fit, f.channel.nominal_scale, f.channel.output_unit) for f in fits]
     names = dict.fromkeys(name for values in of_each for name in values)
     for name in names:
@@ -285,15 +286,3 @@ def _coefficients(fits: Sequence[AccelerometerFit]) -> Table:
         ]
         made.add_row(name, unit, *cells)
     return made
-
-
-def value_and_sigma(value: float, sigma: float) -> str:
-    """Write a value with its sigma, to two digits of the sigma."""
-    if not sigma > 0:
-        return number(value, 6)
-    places = min(max(0, 1 - _exponent(sigma)), 12)
-    return f"{value:.{places}f} ± {sigma:.{places}f}".replace("-", "−")
-
-
-def _exponent(value: float) -> int:
-    return int(f"{value:e}".split("e")[1])

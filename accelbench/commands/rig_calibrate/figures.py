@@ -7,8 +7,10 @@ import numpy as np
 
 from accelbench.shell.plotting import (
     COLOURS,
+    MARKERS,
     STYLES,
     Picture,
+    draw_correlation_matrix,
     dress,
     legend_below,
     new_figure,
@@ -150,7 +152,7 @@ def _unit_of_row(name: str) -> tuple[str, float]:
     if name in FORCES:
         return "mm/s²", 1e-3
     if name in (ALONG, *ACROSS):
-        return "″", ARCSEC
+        return "arcsec", ARCSEC
     return ("mm/s", 1e-3) if name in VELOCITIES else ("m", 1.0)
 
 
@@ -177,6 +179,8 @@ def draw_sigmas(judged: Judged) -> Picture:
         (line,) = axes.plot(
             np.append(0.0, clock[steps]), np.append(1.0, mean),
             color=COLOURS[k % len(COLOURS)], linestyle=STYLES[(k // len(COLOURS)) % len(STYLES)],
+            marker=MARKERS[k % len(MARKERS)], markersize=4.0,
+            markevery=(k, max(1, steps.size // 12)),
         )  # fmt: skip
         handles.append(line)
         labels.append(group)
@@ -196,17 +200,7 @@ def draw_correlations(judged: Judged) -> Picture:
     free = np.flatnonzero(sigma > 0)
     names = [found.names[int(i)] for i in free]
     matrix = found.cov[np.ix_(free, free)] / np.outer(sigma[free], sigma[free])
-    size = 3.4 + 0.17 * len(names)
-    figure = new_figure(size + 1.0, size)
-    axes = figure.subplots()
-    image = axes.imshow(matrix, vmin=-1.0, vmax=1.0, cmap="RdBu_r")
-    axes.set_xticks(range(len(names)), names, rotation=90.0, fontsize=6)
-    axes.set_yticks(range(len(names)), names, fontsize=6)
-    bar = figure.colorbar(image, ax=axes, shrink=0.7)
-    bar.set_label("correlation", fontsize=9)
-    bar.ax.tick_params(labelsize=8)
-    caption = "Correlations of the estimates."
-    return picture(figure, "correlations.png", caption)
+    return draw_correlation_matrix(names, matrix, "correlations.png", "")
 
 
 def draw_motion(judged: Judged, run: RigRun | NavRun) -> Picture:

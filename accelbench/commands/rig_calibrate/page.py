@@ -3,6 +3,8 @@
 from accelbench.commands.rig_calibrate.figures import calibration_pictures
 from accelbench.commands.rig_calibrate.text import (
     COLUMNS,
+    PASSED,
+    not_made,
     observability_lines,
     parameter_rows,
     protection_lines,
@@ -11,10 +13,19 @@ from accelbench.commands.rig_calibrate.text import (
 )
 from accelbench.shell.console import number
 from accelbench.shell.outputs import REPORT_NAME
-from accelbench.shell.page import Page, ReportTable, Section, render_page
+from accelbench.shell.page import Banner, Page, ReportTable, Section, render_page
 from sinscal.judgement.judge import Judged
 from sinscal.judgement.result_file import ResultContent
 from sinscal.recording.run import NavRun, RigRun
+
+LISTED = 30  # refused measurements
+TERMS = (
+    "An innovation is what a measurement of the filter differs by from its forecast; NIS is its "
+    "square over its variance, 1 on average when the sigmas are right. White: one innovation says "
+    "nothing of the next.",
+    "A singular value tells how many times better than beforehand the run knows a direction of the "
+    "parameters; 0 is one that it does not show.",
+)
 
 
 def render_calibration(
@@ -31,9 +42,21 @@ def render_calibration(
         Made of both.
     """
     estimates = ReportTable(title="", columns=COLUMNS, rows=tuple(parameter_rows(result)))
-    title = f"Rig calibration, {result.mode}, of {result.run.source}"
-    sections = calibration_sections(judged, run, result, estimates)
-    return render_page(Page(title=title, sections=sections), REPORT_NAME)
+    page = Page(
+        title=f"Rig calibration, {result.mode}, of {result.run.source}",
+        verdicts=verdict_boxes(result),
+        sections=calibration_sections(judged, run, result, estimates),
+    )
+    return render_page(page, REPORT_NAME)
+
+
+def verdict_boxes(result: ResultContent) -> tuple[Banner, ...]:
+    """Return whether the calibration can be trusted, and what was not tested."""
+    text, left = verdict(result), not_made(result)
+    if not text.startswith(PASSED):
+        return (Banner(text=text, state="bad"),)
+    passed = Banner(text=PASSED, state="good")
+    return (passed, Banner(text=left, state="open")) if left else (passed,)
 
 
 def calibration_sections(
@@ -41,8 +64,9 @@ def calibration_sections(
 ) -> tuple[Section, ...]:
     """Return the sections of a calibration's report; `estimates` is the table of parameters."""
     drawn, *others = calibration_pictures(judged, run, result)
+    _, *rests_on = sentences(result, listed=False)
     return (
-        Section(title="Verdict", lines=(verdict(result),), points=tuple(sentences(result))[1:]),
+        Section(title="What the verdict rests on", points=(*rests_on, *TERMS)),
         _warnings(result),
         Section(
             title="Estimates",
@@ -80,12 +104,15 @@ def _warnings(result: ResultContent) -> Section:
 def _refused(result: ResultContent) -> Section:
     listed = result.refused["measurements"]
     rows = tuple(
-        (str(r["cycle"]), r["channel"], f"{r['time_s']:.1f}", f"{r['sigmas']:+.1f}") for r in listed
+        (str(r["cycle"]), r["channel"], f"{r['time_s']:.1f}", f"{r['sigmas']:+.1f}")
+        for r in listed[:LISTED]
     )
     flagged = ", ".join(str(n) for n in result.refused["flagged_rows_by_cycle"])
+    left = result.refused["n"] - len(rows)
     return Section(
         title="Refused measurements",
         lines=(f"{result.refused['n']} refused by the gate; rows flagged by cycle: {flagged}.",),
+        after=(f"{left} more stand in the result file.",) if left > 0 else (),
         table=ReportTable(title="", columns=("cycle", "row", "time, s", "sigmas"), rows=rows)
         if rows
         else None,

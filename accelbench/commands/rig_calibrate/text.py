@@ -1,15 +1,15 @@
 """A rig calibration told: as the JSON of `accelbench rig calibrate`, and in words."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from rich.console import RenderableType
 
-from accelbench.commands.fit.text import value_and_sigma
-from accelbench.shell.console import number, table
+from accelbench.shell.console import number, table, value_and_sigma
 from sinscal.judgement.result_file import ResultContent
 from sinscal.library import rig_library
+from sinscal.recording.run import AXES
 
 WELL_PROTECTED = 2.0  # times the noise's share: below it no effect is worth telling
 LEVELS = (
@@ -18,7 +18,9 @@ LEVELS = (
     "more"
 )
 VOID = "as tests failed, the levels below hold only once what is wrong is mended"
+PASSED = "passed: the calibration is consistent with its sigmas"
 SHOWN = 10  # refused measurements in words
+FEW = 3  # pairs that correlate, warnings of one kind
 TESTS = {
     "converged": "the iteration came to rest",
     "nis": "innovations are as large as their sigmas say",
@@ -47,9 +49,8 @@ def verdict(result: ResultContent) -> str:
             "but they would not show an effect that is missing"
         )
     if not failed:
-        not_made = [TESTS[name] for name, ok in tests.items() if ok is None]
-        rest = f" (not tested: {'; '.join(not_made)})" if not_made else ""
-        return f"passed: the calibration is consistent with its sigmas{rest}"
+        rest = f" ({told})" if (told := not_made(result)) else ""
+        return f"{PASSED}{rest}"
     missing = {"nis", "white", "held_out", "complete", "converged"} & {
         n for n, ok in tests.items() if ok is False
     }
@@ -58,8 +59,21 @@ def verdict(result: ResultContent) -> str:
     return f"failed: it does not hold that {'; that '.join(failed)}{hint}"
 
 
-def sentences(result: ResultContent) -> Iterator[str]:
-    """Tell the verdict and what it rests on, a sentence a line."""
+def not_made(result: ResultContent) -> str:
+    """Say which tests were not made; empty when all were."""
+    left = [TESTS[n] for n, ok in result.consistency["tests"].items() if ok is None]
+    return f"not tested: {'; '.join(left)}" if left else ""
+
+
+def sentences(result: ResultContent, *, listed: bool = True) -> Iterator[str]:
+    """Tell the verdict and what it rests on, a sentence a line.
+
+    Parameters
+    ----------
+    result : ResultContent
+    listed : bool
+        Whether refused measurements are listed.
+    """
     c = result.consistency
     yield verdict(result)
     lo, hi = c["nis_interval"]
@@ -97,7 +111,8 @@ def sentences(result: ResultContent) -> Iterator[str]:
         )
     flagged = result.refused["flagged_rows_by_cycle"]
     yield f"rows flagged by cycle: {', '.join(str(n) for n in flagged)}"
-    yield from refused_lines(result)
+    if listed:
+        yield from refused_lines(result)
     if result.not_tested:
         yield f"not tested: {'; '.join(result.not_tested)}"
 
@@ -127,14 +142,38 @@ def observability_lines(result: ResultContent) -> Iterator[str]:
         f"to {number(min(values), 3)}"
     )
     if o["not_observed"]:
-        yield f"not observed (sigma hardly below the prior's): {', '.join(o['not_observed'])}"
+        yield f"not observed (sigma hardly below the prior's): {names_by_axis(o['not_observed'])}"
     for one in o["not_told_apart"]:
         parts = " ".join(f"{w:+.2f}·{n}" for n, w in one.items()).replace("-", "−")
         yield f"not told apart: {parts} (in sigmas of the prior)"
-    for pair in o["correlated"][:SHOWN]:
-        yield f"{pair['names'][0]} and {pair['names'][1]} correlate by {pair['correlation']:+.3f}"
-    if len(o["correlated"]) > SHOWN:
-        yield f"and {len(o['correlated']) - SHOWN} more pairs above 0.9"
+    if pairs := sorted(o["correlated"], key=lambda pair: -abs(pair["correlation"])):
+        told = ", ".join(
+            f"{' and '.join(pair['names'])} by {pair['correlation']:+.3f}" for pair in pairs[:FEW]
+        )
+        more = f", and {len(pairs) - FEW} more pairs beyond ±0.9" if len(pairs) > FEW else ""
+        yield f"hardly told apart, by their correlation: {told}{more}".replace("-", "−")
+
+
+def names_by_axis(names: Sequence[str]) -> str:
+    """Write names, those that differ by their last axis alone together: k0_t3_x, y, z."""
+    stems: dict[str, list[str]] = {}
+    for name in names:
+        stem, _, axis = name.rpartition("_")
+        key, end = (stem, axis) if axis in AXES else (name, "")
+        stems.setdefault(key, []).append(end)
+    return "; ".join(f"{s}_{', '.join(ends)}" if ends[0] else s for s, ends in stems.items())
+
+
+def warning_lines(warnings: Sequence[str]) -> Iterator[str]:
+    """Tell warnings; of one kind no more than a few, and how many there are."""
+    kinds: dict[str, list[str]] = {}
+    for one in warnings:
+        kind, colon, _ = one.partition(": ")
+        kinds.setdefault(kind if colon and " " not in kind else one, []).append(one)
+    for kind, told in kinds.items():
+        yield from (f"warning: {one}" for one in told[:FEW])
+        if len(told) > FEW:
+            yield f"warning: {kind}: {len(told) - FEW} more, all in the result's warnings"
 
 
 def protection_lines(result: ResultContent) -> Iterator[str]:
@@ -193,7 +232,7 @@ def parameter_rows(result: ResultContent) -> Iterator[tuple[str, ...]]:
 
 def calibration_text(result: ResultContent) -> Iterator[RenderableType]:
     """Tell a calibration in words and a table."""
-    made = table(*COLUMNS, right=COLUMNS[2:])
+    made = table(*COLUMNS, right=COLUMNS[2:], keys=2)
     for row in parameter_rows(result):
         made.add_row(*row)
     yield made
@@ -206,5 +245,4 @@ def judgement_lines(result: ResultContent) -> Iterator[str]:
     yield from sentences(result)
     yield from protection_lines(result)
     yield from observability_lines(result)
-    for warning in result.warnings:
-        yield f"warning: {warning}"
+    yield from warning_lines(result.warnings)

@@ -1,27 +1,15 @@
 """`accelbench rig flight`: what calibrations are worth in metres after an hour of flight."""
 
-import math
-from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import click
 
-from accelbench.commands.rig_flight.text import (
-    FlownCalibration,
-    flight_document,
-    flight_text,
-    fly,
-    read_calibrations,
-)
 from accelbench.shell.library import library_option
-from accelbench.shell.outputs import Results, check_results, force_option, json_option
-from sinscal.flight.covariance import FlightNoise
-from sinscal.flight.trajectory import FlightPlan
-from sinscal.frames.earth import DEG_PER_H
+from accelbench.shell.outputs import force_option, json_option
 
-FAILED = 1
 POSITIVE = click.FloatRange(min=0.0, min_open=True)
+
 NOT_NEGATIVE = click.FloatRange(min=0.0)
 
 
@@ -66,76 +54,12 @@ NOT_NEGATIVE = click.FloatRange(min=0.0)
 @force_option
 @library_option()
 @json_option
-def flight(
-    files: tuple[Path, ...], report: Path | None, force: bool, as_json: bool, **given: Any
-) -> int:
+def flight(**given: Any) -> int:
     """Say what calibrations are worth in flight: position error of autonomous navigation.
 
     The system is aligned at rest, takes off and navigates by itself; its errors are those that
     calibration left, and the sensors' noise. In Python: accelbench.rig.flight.
     """
-    check_results(None, report, [], force=force)
-    calibrations = read_calibrations(files)
-    plan, noise = _plan(given), _noise(given)
-    flown = [
-        fly(
-            name,
-            one,
-            plan,
-            noise,
-            runs=given["runs"],
-            seed=given["seed"],
-            progress=_teller(name),
-        )
-        for name, one in calibrations
-    ]
-    results = Results(flight_document(plan, noise, flown), flight_text(plan, noise, flown))
-    results.add_report(report, lambda: _report(plan, noise, flown))
-    results.write(as_json=as_json)
-    agrees = all(one.agreement is None or one.agreement.agrees for one in flown)
-    return 0 if agrees else FAILED
+    from accelbench.commands.rig_flight.work import flight as work
 
-
-def _report(
-    plan: FlightPlan, noise: FlightNoise, flown: Sequence[FlownCalibration]
-) -> dict[str, bytes]:
-    from accelbench.commands.rig_flight.page import render_flight  # matplotlib takes its second
-
-    return render_flight(plan, noise, flown)
-
-
-def _plan(given: dict[str, Any]) -> FlightPlan:
-    straight = given["trajectory"] == "straight"
-    try:
-        return FlightPlan(
-            speed_m_s=given["speed_m_s"],
-            heading_rad=math.radians(given["heading_deg"]),
-            duration_s=given["duration_s"],
-            latitude_rad=math.radians(given["latitude_deg"]),
-            height_m=given["height_m"],
-            amplitude_m=0.0 if straight else given["amplitude_m"],
-            period_s=given["period_s"],
-            banked=not given["flat"],
-            takeoff_s=given["takeoff_s"],
-        )
-    except ValueError as err:
-        raise click.UsageError(str(err)) from err
-
-
-def _noise(given: dict[str, Any]) -> FlightNoise:
-    try:
-        return FlightNoise(
-            gyro=given["gyro_noise_deg_h_rthz"] * DEG_PER_H,
-            accel=given["accel_noise_m_s2_rthz"],
-            alignment_s=given["alignment_s"],
-        )
-    except ValueError as err:
-        raise click.UsageError(str(err)) from err
-
-
-def _teller(name: str) -> Callable[[int, int], None]:
-    def tell(done: int, of: int) -> None:
-        if done % max(1, of // 10) == 0:
-            click.echo(f"{name}: {done} of {of} runs flown", err=True)
-
-    return tell
+    return work(**given)

@@ -112,7 +112,10 @@ def _trajectory(flight: Flight, name: str) -> Picture:
     dress(near, title="take-off and the first swings", x="time, min", y="angle, °")
     labels = ["heading less its mean", "bank, positive to the right"]
     legend_below(figure, [first, second], labels, enlarge=1.0)
-    caption = f"The flight: {trajectory(plan)}; the axes of the way are not to one scale."
+    caption = (
+        f"The flight: {trajectory(plan)}; the axes of the way are not to one scale, and the middle "
+        "of its swings lies beside the line of the start."
+    )
     return picture(figure, name, caption)
 
 

@@ -5,11 +5,13 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from accelbench.commands.rig_flight.figures import draw_flight
+from accelbench.commands.rig_flight.given import COARSE, PRECISE
 from accelbench.commands.rig_flight.text import (
-    COARSE,
-    PRECISE,
+    RHO,
     SHOWN_SHARE,
     FlownCalibration,
+    bought_lines,
+    distance_text,
     group_title,
     held_text,
     noise_text,
@@ -17,7 +19,7 @@ from accelbench.commands.rig_flight.text import (
 )
 from accelbench.shell.console import number
 from accelbench.shell.outputs import REPORT_NAME
-from accelbench.shell.page import Page, ReportTable, Section, render_page
+from accelbench.shell.page import Banner, Page, ReportTable, Section, render_page
 from sinscal.article.published import COARSE_M, PRECISE_M
 from sinscal.flight.covariance import FlightNoise
 from sinscal.flight.trajectory import FlightPlan
@@ -31,6 +33,8 @@ CONVENTIONS = (
     "take-off by the same sensors: errors of the alignment follow from those of the calibration.",
     "A group's share of ρ² holds its correlations with the others; where errors cancel it may be "
     "negative. Its part in metres is the root of that share, times ρ.",
+)
+OF_ARTICLE = (
     "The article names neither the flight's shape nor its noise: this flight is one on which both "
     "of its figures come out.",
 )
@@ -50,12 +54,18 @@ def render_flight(
     """
     errors, sigmas, way = draw_flight(plan, flown)
     parts = [f"{one.name}, {unit}" for one in flown for unit in ("%", "m")]
+    article = of_article(flown)
+    columns = (*ERROR_COLUMNS, *(PUBLISHED_COLUMNS if article else ()))
     sections = (
         Section(
             title="Position error",
-            lines=(f"After {plan.duration_s / 3600.0:g} h, {trajectory(plan)}.", noise_text(noise)),
+            lines=(
+                f"After {number(plan.duration_s / 3600.0, 3)} h, {trajectory(plan)}.",
+                noise_text(noise),
+            ),
             points=tuple(held_text(one.name, one.agreement) for one in flown if one.agreement),
-            table=ReportTable(title="", columns=ERROR_COLUMNS, rows=tuple(error_rows(flown))),
+            table=ReportTable(title="", columns=columns, rows=tuple(error_rows(flown))),
+            after=RHO,
             pictures=(errors,),
         ),
         Section(
@@ -68,31 +78,45 @@ def render_flight(
         ),
         Section(title="Attitude and velocity", pictures=(sigmas,)),
         Section(title="Trajectory", pictures=(way,)),
-        Section(title="Conventions", points=CONVENTIONS),
+        Section(title="Conventions", points=(*CONVENTIONS, *(OF_ARTICLE if article else ()))),
     )
     names = ", ".join(one.name for one in flown)
-    page = Page(title=f"Flight after calibration: {names:.100}", sections=sections)
+    bought = tuple(Banner(text=line) for line in bought_lines(flown))
+    ends = "; ".join(f"{one.name} {distance_text(one.found.rho_end_m)}" for one in flown)
+    hours = f"position error after {number(plan.duration_s / 3600.0, 3)} h (1 σ): {ends}"
+    page = Page(
+        title=f"Flight after calibration: {names:.100}",
+        verdicts=bought or (Banner(text=hours),),
+        sections=sections,
+    )
     return render_page(page, REPORT_NAME)
 
 
-ERROR_COLUMNS = ("calibration", "ρ, m", "published, m", "ratio", "ρ without noise, m")
+ERROR_COLUMNS = ("calibration", "ρ, m", "ρ uncalibrated, m", "ρ without noise, m")
+PUBLISHED_COLUMNS = ("published ρ, m", "ratio")
 
 
 def error_rows(flown: Sequence[FlownCalibration]) -> Iterator[tuple[str, ...]]:
-    """Yield a row for each calibration, the article's figure beside ours, and their ratio."""
+    """Yield a row for each calibration; of the article's with its figures beside ours."""
+    article = of_article(flown)
     rho = {one.name: one.found.rho_end_m for one in flown}
     for one in flown:
+        before = f"{one.before.rho_end_m:.0f}" if one.before else NOTHING
+        row = (one.name, f"{rho[one.name]:.0f}", before, f"{one.alone.rho_end_m:.0f}")
         published = PUBLISHED_M.get(one.name)
-        beside = (
-            (NOTHING, NOTHING)
-            if published is None
-            else (f"{published:.0f}", f"{rho[one.name] / published:.3f}")
-        )
-        yield one.name, f"{rho[one.name]:.0f}", *beside, f"{one.alone.rho_end_m:.0f}"
-    if {COARSE, PRECISE} <= {*rho} and rho[PRECISE] > 0.0:
+        if not article or published is None:
+            yield row
+        else:
+            yield (*row, f"{published:.0f}", f"{rho[one.name] / published:.3f}")
+    if article and {COARSE, PRECISE} <= {*rho} and rho[PRECISE] > 0.0:
         ours, theirs = rho[COARSE] / rho[PRECISE], COARSE_M / PRECISE_M
-        ratios = f"{ours:.3f}", f"{theirs:.3f}", f"{ours / theirs:.3f}"
-        yield "coarse over precise", *ratios, NOTHING
+        beside = f"{theirs:.3f}", f"{ours / theirs:.3f}"
+        yield "coarse over precise", f"{ours:.3f}", NOTHING, NOTHING, *beside
+
+
+def of_article(flown: Sequence[FlownCalibration]) -> bool:
+    """Return whether all are the article's own calibrations, whose figures are published."""
+    return all(one.is_article for one in flown)
 
 
 def budget_rows(flown: Sequence[FlownCalibration]) -> Iterator[tuple[str, ...]]:

@@ -1,18 +1,16 @@
-"""Flights told: calibrations read, the JSON of `rig flight`, and the same in words."""
+"""Flights told: as the JSON of `rig flight`, and in words."""
 
-import json
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
-import numpy as np
 from rich.console import RenderableType
 
+from accelbench.commands.rig_flight.given import COARSE, PRECISE, GivenCalibration
 from accelbench.shell.console import number, table
-from errormodel.errors import InputError
-from sinscal.article.published import COARSE_M, PRECISE_M, published_calibrations
+from errormodel.progress import track
+from sinscal.article.published import COARSE_M, PRECISE_M
 from sinscal.flight.covariance import (
     NOISE,
     FlightCovariance,
@@ -24,26 +22,34 @@ from sinscal.flight.monte_carlo import Agreement, agreement, fly_runs
 from sinscal.flight.navigation_errors import DV, PHI
 from sinscal.flight.trajectory import FlightPlan
 from sinscal.frames.earth import ARCMIN, DEG_PER_H
-from sinscal.model.residual_errors import Calibration
+from sinscal.library.accelerometer import MICRO_G
 
-COARSE, PRECISE = "coarse", "precise"
 SHOWN_SHARE = 0.005
 EVERY_S = 10.0
+RHO = (
+    "ρ: 1 σ of the horizontal position, the root of the sum of the variances north and east; "
+    "uncalibrated: with the sigmas known beforehand; without noise: what the calibration alone "
+    "leaves",
+)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class FlownCalibration:
-    """A calibration and what it left in flight: with the sensors' noise, and alone."""
+    """A calibration and what it left in flight: with the sensors' noise, and alone.
+
+    `before` is the same flight without the calibration, where it is known what was known before.
+    """
 
     name: str
     found: FlightCovariance
     alone: FlightCovariance
+    before: FlightCovariance | None = None
     agreement: Agreement | None = None
+    is_article: bool = False
 
 
 def fly(
-    name: str,
-    one: Calibration,
+    given: GivenCalibration,
     plan: FlightPlan,
     noise: FlightNoise,
     *,
@@ -56,8 +62,7 @@ def fly(
 
     Parameters
     ----------
-    name : str
-    one : Calibration
+    given : GivenCalibration
     plan : FlightPlan
     noise : FlightNoise
     every_s : float
@@ -67,79 +72,26 @@ def fly(
     progress : callable, optional
         Is told of the runs flown, and of how many.
     """
-
-    def covariance(noise: FlightNoise) -> FlightCovariance:
-        return assess(flight_sensitivity(plan, one.names, noise=noise, every_s=every_s), one)
-
-    whole = covariance(noise)
+    one = given.calibration
+    with_noise, without = (
+        flight_sensitivity(plan, one.names, noise=each, every_s=every_s)
+        for each in track((noise, FlightNoise()))
+    )
+    whole = assess(with_noise, one)
     held: Agreement | None = None
     if runs:
         flown = fly_runs(
             plan, one, runs, noise=noise, seed=seed, every_s=every_s, progress=progress
         )
         held = agreement(flown, whole)
-    return FlownCalibration(name=name, found=whole, alone=covariance(FlightNoise()), agreement=held)
-
-
-def read_calibrations(files: Sequence[Path]) -> list[tuple[str, Calibration]]:
-    """Read calibrations with their names; without files take the article's sigmas.
-
-    A file holds `names` and `covariance`, or these under `coarse` and `precise`. A calibration is
-    called by the file's `mode`, or else by the file's name.
-
-    Raises
-    ------
-    InputError
-        If a file is no such document, or two calibrations have one name.
-    """
-    if not files:
-        return list(zip((COARSE, PRECISE), published_calibrations(), strict=True))
-    found: list[tuple[str, Calibration]] = []
-    for path in files:
-        document = _document(path)
-        parts = [name for name in (COARSE, PRECISE) if "names" in _mapping(document.get(name))]
-        if parts:
-            found += [(n, _calibration(path, n, _mapping(document[n]))) for n in parts]
-        else:
-            name = document.get("mode")
-            name = name if isinstance(name, str) else path.stem
-            found.append((name, _calibration(path, "", document)))
-    names = [name for name, _ in found]
-    double = next((n for n in names if names.count(n) > 1), None)
-    if double is not None:
-        raise InputError(files[-1], "mode", f"there are two calibrations named {double!r}")
-    return found
-
-
-def _document(path: Path) -> Mapping[str, Any]:
-    try:
-        document = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as err:
-        raise InputError(path, "", f"cannot be read: {err.strerror or err}") from err
-    except ValueError as err:
-        raise InputError(path, "", f"is no JSON: {err}") from err
-    if not isinstance(document, dict):
-        raise InputError(path, "", "expected an object with names and covariance")
-    return cast(Mapping[str, Any], document)
-
-
-def _mapping(value: object) -> Mapping[str, Any]:
-    return cast(Mapping[str, Any], value) if isinstance(value, dict) else {}
-
-
-def _calibration(path: Path, place: str, part: Mapping[str, Any]) -> Calibration:
-    for key in ("names", "covariance"):
-        if key not in part:
-            where = ".".join(p for p in (place, key) if p)
-            raise InputError(path, where, "is missing; expected what rig calibrate writes")
-    names: Any = part["names"]
-    if not isinstance(names, list) or not all(isinstance(n, str) for n in cast(list[Any], names)):
-        raise InputError(path, "names", "expected a list of parameters' names")
-    try:
-        cov = np.array(part["covariance"], dtype=float)
-        return Calibration.of_sensors(cast(list[str], names), cov)
-    except (ValueError, TypeError) as err:
-        raise InputError(path, place or "covariance", str(err)) from err
+    return FlownCalibration(
+        name=given.name,
+        found=whole,
+        alone=assess(without, one),
+        before=None if given.before is None else assess(with_noise, given.before),
+        agreement=held,
+        is_article=given.is_article,
+    )
 
 
 def flight_document(
@@ -184,6 +136,7 @@ def _calibration_document(one: FlownCalibration) -> dict[str, Any]:
         "name": one.name,
         "rho_m": one.found.rho_end_m,
         "rho_calibration_alone_m": one.alone.rho_end_m,
+        "rho_without_calibration_m": one.before.rho_end_m if one.before else None,
         "share": {group: float(v[-1]) for group, v in one.found.share.items()},
         "sigma_start": {"attitude_arcmin": (start[PHI] / ARCMIN).tolist()},
         "sigma_end": {
@@ -210,19 +163,23 @@ def flight_text(
     plan: FlightPlan, noise: FlightNoise, flown: Sequence[FlownCalibration]
 ) -> list[RenderableType]:
     """Return the same for people."""
-    made = table("calibration", "ρ m", "ρ without noise m", "of ρ², %", right=("ρ m",))
+    columns = ("ρ m", "ρ uncalibrated m", "ρ without noise m")
+    made = table("calibration", *columns, "of ρ², %", right=columns, words=("of ρ², %",))
     for one in flown:
         parts = [
             f"{group.replace('_', ' ')} {100.0 * v[-1]:.0f}"
             for group, v in one.found.share.items()
             if abs(v[-1]) >= SHOWN_SHARE
         ]
-        rho = [number(r.rho_end_m) for r in (one.found, one.alone)]
+        rho = [number(r.rho_end_m if r else None) for r in (one.found, one.before, one.alone)]
         made.add_row(one.name, *rho, ", ".join(parts))
-    lines: list[RenderableType] = [f"ρ after {plan.duration_s / 3600.0:g} h, {trajectory(plan)}"]
+    lines: list[RenderableType] = [
+        f"ρ after {number(plan.duration_s / 3600.0, 3)} h, {trajectory(plan)}"
+    ]
     lines.append(made)
+    lines += [*RHO, *bought_lines(flown)]
     figures = _figures({one.name: one.found.rho_end_m for one in flown})
-    if figures["ratio"] is not None:
+    if figures["ratio"] is not None and all(one.is_article for one in flown):
         lines.append(
             f"coarse to precise {number(figures['ratio'], 3)}; the article has "
             f"{COARSE_M:.0f} m and {PRECISE_M:.0f} m, {COARSE_M / PRECISE_M:.2f}"
@@ -232,11 +189,29 @@ def flight_text(
     return lines
 
 
+def bought_lines(flown: Sequence[FlownCalibration]) -> Iterator[str]:
+    """Tell what each calibration buys, against the same flight without it."""
+    for one in flown:
+        if one.before is not None and one.found.rho_end_m > 0.0:
+            times = one.before.rho_end_m / one.found.rho_end_m
+            yield (
+                f"{one.name}: the same flight uncalibrated, by what was known beforehand, ends "
+                f"{distance_text(one.before.rho_end_m)} off (1 σ); the calibration makes it "
+                f"{distance_text(one.found.rho_end_m)}, {number(times, 3)} times less"
+            )
+
+
+def distance_text(metres: float) -> str:
+    """Write a distance in m, or in km when it is long."""
+    return f"{number(metres / 1e3)} km" if metres >= 1e4 else f"{metres:.0f} m"
+
+
 def noise_text(noise: FlightNoise) -> str:
     """Say the sensors' noise in one line."""
+    gyro, accel = noise.gyro / DEG_PER_H, noise.accel / MICRO_G
     return (
-        f"noise: gyros {number(noise.gyro / DEG_PER_H)} °/h/√Hz, accelerometers "
-        f"{number(noise.accel)} m/s²/√Hz, alignment of {number(noise.alignment_s)} s"
+        f"noise: gyros {number(gyro, 3)} °/h/√Hz, accelerometers {number(accel, 3)} µg/√Hz, "
+        f"alignment of {number(noise.alignment_s)} s"
     )
 
 

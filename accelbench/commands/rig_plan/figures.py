@@ -9,6 +9,7 @@ from accelbench.shell.plotting import (
     COLOURS,
     MARKERS,
     Picture,
+    draw_correlation_matrix,
     dress,
     legend_below,
     new_figure,
@@ -111,19 +112,7 @@ def _cycle_ends(one: RigCovariance) -> FloatArray:
 
 def draw_correlations(one: RigCovariance, mode: str) -> Picture:
     """Draw the correlations of the final covariance."""
-    count = len(one.names)
-    size = 2.8 + 0.19 * count
-    figure = new_figure(size + 1.0, size)
-    axes = figure.subplots()
-    image = axes.imshow(correlations(one), cmap="RdBu_r", vmin=-1.0, vmax=1.0)
-    axes.set_xticks(range(count), one.names, rotation=90, fontsize=7)
-    axes.set_yticks(range(count), one.names, fontsize=7)
-    axes.set_title(mode, fontsize=10)
-    bar = figure.colorbar(image, ax=axes, shrink=0.7)
-    bar.set_label("correlation", fontsize=9)
-    bar.ax.tick_params(labelsize=8)
-    caption = f"{mode.capitalize()}: correlations of what is estimated, after the programme."
-    return picture(figure, f"correlations_{mode}.png", caption)
+    return draw_correlation_matrix(one.names, correlations(one), f"correlations_{mode}.png", mode)
 
 
 def draw_budget(one: RigCovariance, mode: str) -> Picture:

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 
+from accelbench.commands.rig_calibrate.text import names_by_axis
 from accelbench.commands.rig_plan.figures import (
     draw_budget,
     draw_correlations,
@@ -10,13 +11,15 @@ from accelbench.commands.rig_plan.figures import (
 )
 from accelbench.commands.rig_plan.text import (
     HEADINGS,
+    SIGMA_COLUMNS,
     article_rows,
     assumed,
+    not_seen,
     remarks,
     sigma_rows,
 )
 from accelbench.shell.outputs import REPORT_NAME
-from accelbench.shell.page import Page, ReportTable, Section, render_page
+from accelbench.shell.page import Banner, Page, ReportTable, Section, render_page
 from sinscal.article.tables import ArticleTables
 from sinscal.planning.advice import Advice
 from sinscal.planning.covariance import RigCovariance
@@ -25,7 +28,7 @@ from sinscal.twin.rig_file import RigFile
 CONVENTIONS = (
     "Measured = true + error: ω′ = (I + Θ)ω + ν⁰ + …, f′ = (I + Γ)f + Δf⁰ + …; Γ lower triangular "
     "fixes the body's axes, Θ is full.",
-    "Sigmas are standard deviations (1 σ), SI; a density of noise is the sigma of a mean over "
+    "Sigmas are standard deviations (1 σ); a density of noise is the sigma of a mean over "
     "one second.",
     "The covariance is that of the calibration's own filter on the programme's exact motion; no "
     "measurement enters it. Faults of the rig that the filter does not estimate are not in it.",
@@ -60,8 +63,20 @@ def render_covariance(
     for mode, one in found.items():
         sections += _mode(mode, one, (advice or {}).get(mode, ()))
     sections.append(Section(title="Conventions", points=CONVENTIONS))
-    page = Page(title=f"Covariance analysis of {title:.120}", sections=tuple(sections))
+    page = Page(
+        title=f"Covariance analysis of {title:.120}",
+        verdicts=tuple(_seen(mode, one) for mode, one in found.items()),
+        sections=tuple(sections),
+    )
     return render_page(page, REPORT_NAME)
+
+
+def _seen(mode: str, one: RigCovariance) -> Banner:
+    """Say whether the programme shows every parameter."""
+    hidden = list(not_seen(one))
+    if not hidden:
+        return Banner(text=f"{mode}: the programme shows every parameter", state="good")
+    return Banner(text=f"{mode}: hardly seen are {names_by_axis(hidden)}", state="open")
 
 
 def _article(best: ArticleTables, literal: ArticleTables) -> Iterator[Section]:
@@ -83,11 +98,10 @@ def _programme(file: RigFile) -> Section:
 
 
 def _mode(mode: str, one: RigCovariance, advice: Sequence[Advice]) -> Iterator[Section]:
-    columns = ("parameter", "sigma", "sigma before", "unit", "mainly from")
     yield Section(
         title=HEADINGS[mode],
         points=tuple(remarks(one, advice)),
-        table=ReportTable(title="", columns=columns, rows=tuple(sigma_rows(one))),
-        words=(0, 3, 4),
+        table=ReportTable(title="", columns=SIGMA_COLUMNS, rows=tuple(sigma_rows(one))),
+        words=(0, 1, 4),
         pictures=(draw_sigmas(one, mode), draw_budget(one, mode), draw_correlations(one, mode)),
     )

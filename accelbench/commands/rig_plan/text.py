@@ -14,6 +14,7 @@ from sinscal.planning.advice import Advice
 from sinscal.planning.budget import error_budget
 from sinscal.planning.covariance import RigCovariance
 
+SIGMA_COLUMNS = ("parameter", "unit", "sigma", "sigma before", "mainly from")
 CORRELATED = 0.9
 NOT_SEEN = 0.9  # of the prior sigma is left: the programme tells nothing of it
 MIN_SHARE = 0.01  # smaller ones are not told in words
@@ -196,9 +197,7 @@ def analysis_text(
     """Tell each mode's sigmas."""
     for mode, one in found.items():
         yield HEADINGS[mode]
-        made = table(
-            "parameter", "sigma", "before", "unit", "mainly from", right=("sigma", "before")
-        )
+        made = table(*SIGMA_COLUMNS, right=SIGMA_COLUMNS[2:4], words=SIGMA_COLUMNS[4:], keys=2)
         for row in sigma_rows(one):
             made.add_row(*row)
         yield made
@@ -207,21 +206,27 @@ def analysis_text(
 
 
 def sigma_rows(one: RigCovariance) -> Iterator[tuple[str, ...]]:
-    """Return a row for every parameter: sigma, prior, unit, main sources."""
-    units, variance, budget = units_of(one), np.diag(one.cov), error_budget(one)
+    """Return a row for every parameter, in the unit people are told it in: `SIGMA_COLUMNS`."""
+    variance, budget = np.diag(one.cov), error_budget(one)
     for k, name in enumerate(one.names):
         shares = {s: float(_share(part, variance)[k]) for s, part in budget.items()}
         main = sorted(shares, key=lambda s: -shares[s])[:2]
         told = ", ".join(f"{s} {100 * shares[s]:.0f} %" for s in main if shares[s] > MIN_SHARE)
-        sigma, prior = one.sigmas[k], one.prior_sigmas[k]
-        yield name, number(float(sigma), 3), number(float(prior), 3), units[name], told
+        unit, size = told_in(name)
+        sigma, prior = float(one.sigmas[k]) / size, float(one.prior_sigmas[k]) / size
+        yield name, unit, number(sigma, 3), number(prior, 3), told
+
+
+def told_in(name: str) -> tuple[str, float]:
+    """Return the unit in which people are told a parameter, and how many SI units that is."""
+    told = rig_library().parameter(name).told_in
+    return told.unit, told.size
 
 
 def remarks(one: RigCovariance, advice: Sequence[Advice]) -> Iterator[str]:
     """Say what would make the programme better, what it does not show and does not tell apart."""
     for a in advice:
-        told = rig_library().parameter(a.name).told_in
-        unit, size = told.unit, told.size
+        unit, size = told_in(a.name)
         more = f"; {', '.join(a.others)} gain as well" if a.others else ""
         yield (
             f"With {a.change} {a.name} would be {number(a.factor, 2)} times better, "

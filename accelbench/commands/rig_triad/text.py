@@ -6,10 +6,9 @@ import numpy as np
 from rich.console import RenderableType
 from scipy import stats
 
-from accelbench.commands.fit.text import value_and_sigma
-from accelbench.shell.console import number, table
+from accelbench.shell.console import number, table, value_and_sigma
 from accelbench.shell.outputs import REPORT_NAME
-from accelbench.shell.page import Page, ReportTable, Section, render_page
+from accelbench.shell.page import Banner, Page, ReportTable, Section, render_page
 from errormodel.arrays import rms
 from sinscal.recording.run import AXES
 from sinscal.triad.rests import RestCalibration
@@ -158,8 +157,10 @@ def render_triad(done: RestCalibration) -> dict[str, bytes]:
         title="Parameters", columns=("parameter", "value ± 1 σ", "unit"), rows=rows
     )
     picture = draw_triad(done)
+    first, *_ = sentences(done)
     page = Page(
         title="Accelerometer triad from positions at rest",
+        verdicts=(Banner(text=first, state="open" if done.doubts else ""),),
         sections=(
             Section(title="Result", points=tuple(sentences(done)), pictures=(picture,)),
             Section(

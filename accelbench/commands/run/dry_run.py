@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from typing import Any
 
+from errormodel.progress import stage, track
 from thermo.discrepancy.foresee import EffectsForeseen, foresee_effects
 from thermo.planning.foresight import CoefficientForesight, foresee_coefficients
 from thermo.planning.plan import Plan
@@ -24,20 +25,19 @@ def foresee_plan(plan: Plan) -> tuple[MountingForeseen, ...]:
     units = {i.serial: i.output_unit for i in plan.station.inputs}
     accelerometers = plan.sequence.accelerometers
     made: list[MountingForeseen] = []
-    for mount_deg in dict.fromkeys(a.mount_deg for a in accelerometers):
+    for mount_deg in track(tuple(dict.fromkeys(a.mount_deg for a in accelerometers))):
         alike = [a for a in accelerometers if a.mount_deg == mount_deg]
-        made.append(
-            MountingForeseen(
-                serials=tuple(a.serial for a in alike),
-                coefficients=foresee_coefficients(
-                    runs,
-                    nominal_scale=alike[0].nominal_scale,
-                    output_unit=units[alike[0].serial],
-                    mount_deg=mount_deg,
-                ),
-                effects=foresee_effects(runs, mount_deg=mount_deg),
+        with stage(0.0, 0.5):
+            coefficients = foresee_coefficients(
+                runs,
+                nominal_scale=alike[0].nominal_scale,
+                output_unit=units[alike[0].serial],
+                mount_deg=mount_deg,
             )
-        )
+        with stage(0.5, 1.0):
+            effects = foresee_effects(runs, mount_deg=mount_deg)
+        serials = tuple(a.serial for a in alike)
+        made.append(MountingForeseen(serials=serials, coefficients=coefficients, effects=effects))
     return tuple(made)
 
 

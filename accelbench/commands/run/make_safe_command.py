@@ -1,15 +1,11 @@
 """`accelbench make-safe`: a chamber into its safe condition, for people and for units."""
 
 from pathlib import Path
+from typing import Any
 
 import click
 
-from accelbench.shell.console import emit
 from accelbench.shell.outputs import json_option
-from thermo.launch.make_safe import make_station_safe
-from thermo.launch.real import load_station
-
-DONE, FAILED = 0, 1
 
 
 @click.command()
@@ -25,7 +21,7 @@ DONE, FAILED = 0, 1
     help="Do nothing unless a test of this user was interrupted on the chamber.",
 )
 @json_option
-def make_safe(station: Path, force: bool, interrupted: bool, as_json: bool) -> int:
+def make_safe(**given: Any) -> int:
     """Put a station's chamber into its safe condition, and verify that.
 
     The profile is ended, the ramp switched off, the set point put to safe_temp_c, and each is read
@@ -33,30 +29,6 @@ def make_safe(station: Path, force: bool, interrupted: bool, as_json: bool) -> i
     and verified, or nothing to do with --interrupted; 1: not verified, or still held by another.
     In Python: accelbench.make_station_safe.
     """
-    config = load_station(station)
-    made = make_station_safe(config, force=force, interrupted_only=interrupted)
-    safe = made.safe
-    document = {
-        "station": config.name,
-        "chamber": config.chamber.url,
-        "verified": safe.verified,
-        "commanded": safe.commanded,
-        "needed": made.needed,
-        "steps": list(safe.steps),
-        "held_by": made.held_by or None,
-        "interrupted_test": made.interrupted_test or None,
-    }
-    lines = list(safe.steps)
-    if made.interrupted_test:
-        lines.append(f"it was left behind by test {made.interrupted_test}")
-    if safe.verified:
-        lines.append(f"chamber's safe condition verified: {config.chamber.safe_temp_c:g} °C")
-    elif made.needed:
-        how = "NOT VERIFIED" if safe.commanded else "NOT VERIFIED, not commanded"
-        lines.append(f"chamber's safe condition {how}: see to the chamber")
-    if made.held_by:
-        lines.append(f"held by {made.held_by}")
-        if safe.verified:
-            lines.append("it may be commanded again: end that process")
-    emit(document, lines, as_json=as_json)
-    return DONE if made.done else FAILED
+    from accelbench.commands.run.make_safe_work import make_safe as work
+
+    return work(**given)

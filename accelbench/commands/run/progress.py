@@ -10,7 +10,9 @@ from rich.console import Console, RenderableType
 from rich.progress import BarColumn, Progress, TaskID, TextColumn
 from rich.text import Text
 
+from accelbench.shell.console import value_and_sigma
 from accelbench.shell.surroundings import Shell, current_shell
+from accelbench.shell.tables import copied
 from accelbench.shell.terminal import Channel, Terminal
 from thermo.planning.text import duration_text
 from thermo.station.observers.detached import DetachedObserver
@@ -169,12 +171,16 @@ class ProgressView:
         return text
 
     def _estimate(self) -> str:
+        """Tell K0 and K1 where they can be compared over the test: at one temperature."""
         values = self._live.values() if self._live else ()
-        return "".join(
-            f" · {v.serial} K0 {v.k0_ug:.1f} ± {v.k0_sigma_ug:.1f} µg, "
-            f"K1 ± {v.k1_sigma_ppm:.1f} ppm"
+        if not values:
+            return ""
+        told = [
+            f"{v.serial} K0 {value_and_sigma(v.k0_ref_ug, v.k0_ref_sigma_ug)} µg, "
+            f"K1 {value_and_sigma(1e6 * (v.k1_ref - 1.0), v.k1_ref_sigma_ppm)} ppm from nominal"
             for v in values[:SHOWN]
-        )
+        ]
+        return copied(f" · at {values[0].t_ref_c:g} °C: {' · '.join(told)}")
 
     def _draw(self, task: TaskID, *, completed: float, description: str, note: str) -> None:
         if self._bar is None:

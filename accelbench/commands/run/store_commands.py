@@ -1,31 +1,16 @@
 """`accelbench runs`, `export` and `emulate`: what the store has, and instruments alone."""
 
-import json
-import signal
-import sys
-import threading
 from pathlib import Path
-from types import FrameType
+from typing import Any
 
 import click
-from rich.text import Text
 
-from accelbench.shell.console import emit, table
 from accelbench.shell.library import library_option
-from accelbench.shell.outputs import checked_run_output, force_option, json_option
-from accelbench.shell.recording_text import recording_document, recording_text
-from drivers.clock import ScaledClock
-from errormodel.errors import InputError
-from thermo.launch.emulated import emulated
-from thermo.launch.real import load_station
-from thermo.safety.guardian_results import pending_results
-from thermo.store.files import export_paths, export_recorded, open_existing_store
-from thermo.store.spool.recover import warnings
+from accelbench.shell.outputs import force_option, json_option
 
-DEFAULT_STORE = "accelbench.sqlite"
 store_option = click.option(
     "--store",
-    default=DEFAULT_STORE,
+    default="accelbench.sqlite",
     show_default=True,
     help="SQLite file or postgresql:// URL.",
 )
@@ -34,51 +19,15 @@ store_option = click.option(
 @click.command()
 @store_option
 @json_option
-def runs(store: str, as_json: bool) -> None:
+def runs(**given: Any) -> None:
     """List the tests in a store.
 
     What a test could not bring into it flows in first. Files that belong to it and were left
     behind are warned of. In Python: accelbench.open_existing_store.
     """
-    with open_existing_store(store) as opened:
-        tests = opened.tests()
-    ids = {t.id for t in tests}
-    left = [r for r in pending_results(store) if r.test_id in ids]
-    left_behind = warnings(store)
-    for line in left_behind:
-        click.echo(f"warning: {line}", err=True)
-    made = table("id", "name", "status", "runs", "readings", "outcome", right=("runs", "readings"))
-    for t in tests:
-        made.add_row(t.id, t.name, t.status, str(t.runs), str(t.readings), t.outcome)
-    document = {
-        "tests": [
-            {
-                "id": t.id,
-                "created_utc": t.created_utc,
-                "name": t.name,
-                "status": t.status,
-                "outcome": t.outcome,
-                "runs": t.runs,
-                "readings": t.readings,
-            }
-            for t in tests
-        ],
-        "guardians": [
-            {
-                "test_id": r.test_id,
-                "verified": r.verified,
-                "needs_help": r.needs_help,
-                "text": r.text,
-            }
-            for r in left
-        ],
-        "warnings": list(left_behind),
-    }
-    lines = [
-        Text(f"guardian of {r.test_id}: {r.text}", style="bold red" if r.needs_help else "")
-        for r in left
-    ]
-    emit(document, [made if tests else "no tests yet", *lines], as_json=as_json)
+    from accelbench.commands.run.store_work import runs as work
+
+    work(**given)
 
 
 @click.command()
@@ -88,18 +37,15 @@ def runs(store: str, as_json: bool) -> None:
 @force_option
 @library_option()
 @json_option
-def export(test_id: str, store: str, out: Path, force: bool, as_json: bool) -> None:
+def export(**given: Any) -> None:
     """Write a test of a store as a recorded run.
 
     Accelerometers of different unit or nominal scale go into files of their own. In Python:
     accelbench.stored_runs.
     """
-    with open_existing_store(store) as opened:
-        for path in export_paths(opened, test_id, out):
-            checked_run_output(path, [], force=force)
-        done = export_recorded(opened, test_id, out)
-    document = {"files": [{"out": str(e.path), **recording_document(e.summary)} for e in done]}
-    emit(document, [f"{e.path}: {recording_text(e.summary)}" for e in done], as_json=as_json)
+    from accelbench.commands.run.store_work import export as work
+
+    work(**given)
 
 
 @click.command()
@@ -107,40 +53,13 @@ def export(test_id: str, store: str, out: Path, force: bool, as_json: bool) -> N
 @click.option("--speed", type=click.FloatRange(min=0, min_open=True), help="Multiple of real time.")
 @library_option()
 @json_option
-def emulate(station: Path, speed: float | None, as_json: bool) -> None:
+def emulate(**given: Any) -> None:
     """Serve the instruments of a station file until stopped.
 
     They answer on the ports the file names: port 0 picks a free one, "auto" a pseudo-terminal of
     its own. `accelbench run --station` of the same file drives them. In Python:
     thermo.launch.emulated.emulated.
     """
-    config = load_station(station)
-    planned = config.emulation
-    rate = speed or (planned.speed if planned else 1.0)
-    stop = threading.Event()
+    from accelbench.commands.run.store_work import emulate as work
 
-    def handle(number: int, frame: FrameType | None) -> None:
-        stop.set()
-
-    before = {n: signal.signal(n, handle) for n in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        seed = planned.seed if planned else 1
-        with emulated(config, ScaledClock(rate), seed=seed) as served:
-            urls = {
-                name: getattr(served.config, name).url for name in ("chamber", "digitiser", "head")
-            }
-            if as_json:
-                click.echo(json.dumps({"station": config.name, "speed": rate, "urls": urls}))
-            else:
-                click.echo(f"{config.name} at {rate:g} times real time; Ctrl-C stops it")
-                for name, url in urls.items():
-                    click.echo(f"  {name:<10} {url}")
-            sys.stdout.flush()
-            while not stop.wait(0.2):
-                pass
-    except (OSError, ValueError) as err:
-        reason = getattr(err, "strerror", None) or str(err)
-        raise InputError(station, "url", f"cannot be served: {reason}") from None
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+    work(**given)

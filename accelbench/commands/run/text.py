@@ -6,6 +6,7 @@ from typing import Any
 
 from rich.console import RenderableType
 
+from accelbench.commands.run.ramps import ramp_lines
 from accelbench.commands.run_in.text import run_in_document, run_in_text
 from thermo.run_in.verdict import RunInVerdict
 from thermo.station.observers.live import LiveEstimate
@@ -25,12 +26,20 @@ class Afterwards:
         None when there was no run-in, empty when it cannot be judged.
     problems : tuple of str
         What could not be done, and how to come by it.
+    out : str
+        Where the recorded run was asked for; empty when it was not.
+    in_store, repeated : int or None
+        Of a test that was resumed: its readings in the store, and those of them that were measured
+        again after the interruption and are not exported.
     """
 
     verdicts: tuple[RampVerdict, ...] = ()
     exported: tuple[str, ...] = ()
     settled: tuple[RunInVerdict, ...] | None = None
     problems: tuple[str, ...] = ()
+    out: str = ""
+    in_store: int | None = None
+    repeated: int | None = None
 
     @property
     def all_settled(self) -> bool:
@@ -47,6 +56,8 @@ def run_document(
         "status": outcome.status,
         "reason": outcome.reason,
         "readings": outcome.readings,
+        "readings_in_store": after.in_store,
+        "readings_repeated": after.repeated,
         "skipped": outcome.skipped,
         "flagged": outcome.flagged,
         "safe": {
@@ -65,6 +76,11 @@ def run_document(
                 "k0_sigma_ug": v.k0_sigma_ug,
                 "k1_relative": v.k1,
                 "k1_sigma_ppm": v.k1_sigma_ppm,
+                "t_ref_c": v.t_ref_c,
+                "k0_ref_ug": v.k0_ref_ug,
+                "k0_ref_sigma_ug": v.k0_ref_sigma_ug,
+                "k1_ref_relative": v.k1_ref,
+                "k1_ref_sigma_ppm": v.k1_ref_sigma_ppm,
             }
             for v in live.values()
         ],
@@ -98,13 +114,26 @@ def uniformity_document(v: RampVerdict) -> dict[str, Any]:
     }
 
 
-def run_text(outcome: TestOutcome, after: Afterwards, store: str) -> list[RenderableType]:
-    """Return the same in words."""
+def run_text(
+    outcome: TestOutcome, after: Afterwards, store: str, *, verbose: bool = False
+) -> list[RenderableType]:
+    """Return the same in words; `verbose` tells every ramp."""
     lines = [f"test {outcome.test_id or '(not begun)'} {outcome.status}: {outcome.reason}"]
     lines.append(
-        f"{outcome.readings} readings stored in {store}, {outcome.skipped} slots without a "
-        f"reading, {outcome.flagged} readings flagged"
+        f"{outcome.readings} readings stored in {store}"
+        + (" since it was resumed" if after.in_store is not None else "")
+        + f", {outcome.skipped} slots without a reading, {outcome.flagged} readings flagged"
     )
+    if after.in_store is not None:
+        lines.append(
+            f"in the store it has {after.in_store} readings in all"
+            + (
+                f"; {after.repeated} of them, of the interrupted part of a run, were measured "
+                "again and are not exported"
+                if after.repeated
+                else ""
+            )
+        )
     if outcome.store_note:
         lines.append(f"store: {outcome.store_note}")
     lines += [f"complaint: {text}" for text in outcome.complaints]
@@ -113,10 +142,14 @@ def run_text(outcome: TestOutcome, after: Afterwards, store: str) -> list[Render
         lines.append(f"chamber's safe condition {safe}: {'; '.join(outcome.safe.steps)}")
     else:
         lines.append(f"chamber: not commanded; {'; '.join(outcome.safe.steps)}")
-    lines += [v.sentence for v in after.verdicts]
-    lines += [f"recorded run: {path}" for path in after.exported]
+    lines += ramp_lines(after.verdicts, verbose=verbose)
+    ended = outcome.status == "finished"
+    what = "recorded run" if ended else "recorded run, of what was measured so far"
+    lines += [f"{what}: {path}" for path in after.exported]
     lines += after.problems
-    if outcome.status != "finished" and outcome.test_id:
-        resume = ("run", "--resume", outcome.test_id, "--store", store)
+    if not ended and outcome.test_id:
+        resume = ["run", "--resume", outcome.test_id, "--store", store]
+        if after.exported and after.out:
+            resume += ["--out", after.out, "--force"]
         lines.append(f"go on with: accelbench {shlex.join(resume)}")
     return [*lines, *run_in_text(after.settled or ())]

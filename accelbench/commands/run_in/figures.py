@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from matplotlib.ticker import NullLocator
 
-from accelbench.commands.fit.text import value_and_sigma
+from accelbench.shell.console import value_and_sigma
 from accelbench.shell.plotting import (
     COLOURS,
     COOLING_COLOUR,

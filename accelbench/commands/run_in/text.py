@@ -5,8 +5,7 @@ from typing import Any
 
 from rich.console import RenderableType
 
-from accelbench.commands.fit.text import value_and_sigma
-from accelbench.shell.console import number, table
+from accelbench.shell.console import number, table, value_and_sigma
 from thermo.run_in.verdict import Relaxation, RunInVerdict, Spread, needed_text
 
 DEFINITION = (
@@ -123,6 +122,8 @@ def _spread_text(spread: Spread | None) -> str:
     if spread is None:
         return "–"
     low, high = spread.ci95
+    if spread.sigma == 0:
+        return f"< {number(high, 2)}"
     return f"{number(spread.sigma, 3)} ({number(low, 2)}…{number(high, 2)})"
 
 
@@ -149,15 +150,20 @@ def run_in_text(verdicts: Sequence[RunInVerdict]) -> Iterator[RenderableType]:
     """Tell the verdicts."""
     if not verdicts:
         return
-    made = table(*COLUMNS, right=COLUMNS[2:])
+    made = table(*COLUMNS, right=COLUMNS[2:-1], words=COLUMNS[-1:], keys=2)
     for row in run_in_rows(verdicts):
         made.add_row(*row)
     yield made
-    yield "instability: 1 σ between runs, its 95 % limits in brackets; " + ", ".join(
+    ends = ", ".join(
         f"{v.serial} {v.coefficients[0].before.runs} runs at either end"
         for v in verdicts
         if v.coefficients[0].before is not None
     )
+    if ends:
+        yield (
+            "instability: 1 σ between runs, its 95 % limits in brackets, or < their upper one "
+            f"where the runs do not show any; {ends}"
+        )
     nominal = ", ".join(v.serial for v in verdicts if not v.scale_fitted)
     if nominal:
         yield f"{nominal}: cycles give no K1; K0 in µg is over the nominal scale factor"

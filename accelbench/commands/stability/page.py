@@ -1,6 +1,6 @@
 """The report of run-to-run stability: one HTML file and its pictures."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 from accelbench.commands.stability.document import definition
 from accelbench.commands.stability.figures import (
@@ -13,8 +13,10 @@ from accelbench.commands.stability.text import (
     LIMITS_TEXT,
     coefficient_row,
     component_lines,
+    criterion_text,
     headline,
     limits_text,
+    movements,
     sentences,
     sigma_text,
     summary_row,
@@ -22,6 +24,8 @@ from accelbench.commands.stability.text import (
 from accelbench.shell.outputs import REPORT_NAME
 from accelbench.shell.page import (
     SOURCE_COLUMNS,
+    Banner,
+    BannerState,
     Page,
     ReportTable,
     Section,
@@ -64,13 +68,36 @@ def render_stability(result: Stability, runs: RecordedRuns) -> dict[str, bytes]:
     """
     serials = ", ".join(a.serial for a in result.accelerometers)
     sections = (*_opening(result), *_details(result), *_closing(runs))
-    page = Page(title=f"Run-to-run stability of {serials:.80}", sections=sections)
+    page = Page(
+        title=f"Run-to-run stability of {serials:.80}",
+        verdicts=tuple(_verdicts(result)),
+        sections=sections,
+    )
     return render_page(page, REPORT_NAME)
+
+
+STATES: Mapping[str, BannerState] = {"pass": "good", "fail": "bad", "undecided": "open"}
+
+
+def _verdicts(result: Stability) -> Iterator[Banner]:
+    """Yield a box for each verdict with the accelerometers that have it, the worst first."""
+    for word in ("fail", "undecided", "pass"):
+        mine = [a for a in result.accelerometers if a.verdict == word]
+        if mine:
+            why = [f"{a.serial}, {criterion_text(c)}" for a in mine for c in a.criteria
+                   if c.verdict == word != "pass"]  # fmt: skip
+            told = f"{', '.join(a.serial for a in mine)}: {word}"
+            yield Banner(text="; ".join((told, *why)), state=STATES[word])
+    for one in result.accelerometers:
+        for line in movements(one):
+            yield Banner(text=f"{one.serial}: {line}", state="open")
+    if not any(a.verdict in STATES for a in result.accelerometers):
+        yield Banner(text="no limits were given: nothing is judged")
 
 
 def _opening(result: Stability) -> Iterator[Section]:
     ranked = sorted(result.accelerometers, key=lambda a: a.rank)
-    names = ("rank", "serial", "verdict", "grade", "runs", "K0 1σ, µg", "limits")
+    names = ("serial", "rank", "verdict", "grade", "runs", "K0 1σ, µg", "K0 limits")
     names += ("K0 max−min, µg", "K1 1σ, ppm", "curves rms, µg", "curves max, µg")
     yield Section(
         title="Result",

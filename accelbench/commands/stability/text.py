@@ -4,9 +4,8 @@ from collections.abc import Iterator, Sequence
 
 from rich.console import RenderableType
 
-from accelbench.commands.fit.text import value_and_sigma
 from accelbench.commands.stability.document import definition
-from accelbench.shell.console import number, table
+from accelbench.shell.console import number, table, value_and_sigma
 from errormodel.statistics.variance import Component, VarianceFit
 from thermo.selection.residuals import DIRECTIONS
 from thermo.stability.coefficients import CURVE, CoefficientStability
@@ -24,8 +23,8 @@ def stability_text(result: Stability) -> Iterator[RenderableType]:
     """Tell it in words and tables."""
     yield from headline(result)
     yield ""
-    names = ("K0 1σ µg", "limits", "K0 max−min µg", "K1 1σ ppm", "curves rms µg", "max µg")
-    made = table("rank", "serial", "verdict", "grade", "runs", *names, right=("rank", *names))
+    names = ("K0 1σ µg", "K0 limits", "K0 max−min µg", "K1 1σ ppm", "curves rms µg", "max µg")
+    made = table("serial", "rank", "verdict", "grade", "runs", *names, right=("rank", *names))
     for one in sorted(result.accelerometers, key=lambda a: a.rank):
         made.add_row(*summary_row(one))
     yield made
@@ -91,7 +90,7 @@ def criterion_text(c: Criterion) -> str:
     lo, hi = c.bounds
     words = {"pass": "is kept", "fail": "is exceeded", "undecided": "cannot be decided"}
     return (
-        f"{c.name} {number(c.value, 3)} {c.unit} ({number(lo, 3)} to {number(hi, 3)}): "
+        f"{c.name} {sigma_text(c.value, c.bounds)} {c.unit} ({number(lo, 3)} to {number(hi, 3)}): "
         f"limit {number(c.limit)} {words[c.verdict]}"
     )
 
@@ -101,8 +100,8 @@ def summary_row(one: AccelerometerStability) -> list[str]:
     k0, k1 = (one.coefficient(n) for n in TOLD)
     apart = one.k0_distance
     return [
-        str(one.rank),
         one.serial,
+        str(one.rank),
         one.verdict,
         grade_text(one),
         str(len(one.runs.runs)),
@@ -149,7 +148,7 @@ def limits_text(pair: Sequence[float]) -> str:
 
 
 COLUMNS = (
-    "coefficient", "unit", "mean", "1σ between runs", "limits", "max−min", "limits",
+    "coefficient", "unit", "mean", "1σ between runs", "1σ limits", "max−min", "max−min limits",
     "estimation 1σ", "trend p",
 )  # fmt: skip
 

@@ -113,6 +113,6 @@ def test_nothing_is_computed_for_a_place_that_cannot_be_written(
     refused, two_runs, monkeypatch, option
 ):
     monkeypatch.setattr(
-        "accelbench.commands.fit.command.fit_runs", lambda *_, **__: pytest.fail("fitted")
+        "accelbench.commands.fit.work.fit_runs", lambda *_, **__: pytest.fail("fitted")
     )
     assert "cannot be written" in refused("fit", two_runs, option, "/proc/x")

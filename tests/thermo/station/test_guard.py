@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 
 from accelbench.cli import main
-from accelbench.commands.run import make_safe_command as commands_safe
+from accelbench.commands.run import make_safe_work as commands_safe
 from drivers.devices import SafeResult
 from drivers.errors import FencedError, LinkError
 from drivers.station import StationConfig

@@ -25,9 +25,11 @@ MORE_DRIFT = (1.0, 3.0, 10.0)  # times that assumed
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LiveValue:
-    """K0 and K1 of one accelerometer at the temperature it has now.
+    """K0 and K1 of one accelerometer at the temperature it has now, and at `t_ref_c`.
 
-    `k1` is relative to the nominal scale factor.
+    `k1` is relative to the nominal scale factor. The values at `t_ref_c` (`…_ref…`) can be
+    compared over a test; as long as it has not been there they are extrapolated, and so are their
+    sigmas.
     """
 
     serial: str
@@ -36,6 +38,11 @@ class LiveValue:
     k0_sigma_ug: float
     k1: float
     k1_sigma_ppm: float
+    t_ref_c: float
+    k0_ref_ug: float
+    k0_ref_sigma_ug: float
+    k1_ref: float
+    k1_ref_sigma_ppm: float
     n: int
 
 
@@ -184,12 +191,9 @@ def _compile(bank: _Bank, model: LiveModel) -> None:
 
 def _value(serial: str, follower: _Follower, last: LiveReading) -> LiveValue:
     """Return the mean of the filters, with the variance within and between them."""
-    bank = follower.bank
-    rows = follower.model.k0_k1_rows(last)
-    found = np.array([_k0_k1(fit, *rows) for fit in bank.fits])
-    values, variances = found[:, :2], found[:, 2:]
-    mean = bank.shares @ values
-    sigma = np.sqrt(bank.shares @ (variances + (values - mean) ** 2))
+    bank, model = follower.bank, follower.model
+    mean, sigma = _mixed(bank, model.k0_k1_rows(last))
+    at_ref, ref_sigma = _mixed(bank, model.k0_k1_rows(replace(last, temp_c=model.t_ref_c)))
     return LiveValue(
         serial=serial,
         temp_c=last.temp_c,
@@ -197,8 +201,21 @@ def _value(serial: str, follower: _Follower, last: LiveReading) -> LiveValue:
         k0_sigma_ug=1e6 * float(sigma[0]),
         k1=float(mean[1]),
         k1_sigma_ppm=1e6 * float(sigma[1]),
+        t_ref_c=model.t_ref_c,
+        k0_ref_ug=1e6 * float(at_ref[0]),
+        k0_ref_sigma_ug=1e6 * float(ref_sigma[0]),
+        k1_ref=float(at_ref[1]),
+        k1_ref_sigma_ppm=1e6 * float(ref_sigma[1]),
         n=follower.n,
     )
+
+
+def _mixed(bank: _Bank, rows: tuple[FloatArray, FloatArray]) -> tuple[FloatArray, FloatArray]:
+    """Return K0 and K1 over all filters, and their sigmas, each (2,), by rows of bias and scale."""
+    found = np.array([_k0_k1(fit, *rows) for fit in bank.fits])
+    values, variances = found[:, :2], found[:, 2:]
+    mean = np.asarray(bank.shares @ values)
+    return mean, np.sqrt(bank.shares @ (variances + (values - mean) ** 2))
 
 
 def _k0_k1(fit: RecursiveFit, bias_row: FloatArray, scale_row: FloatArray) -> FloatArray:

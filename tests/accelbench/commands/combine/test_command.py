@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
-from accelbench.commands.combine.command import chamber_model, combine
+from accelbench.commands.combine.command import combine
 from accelbench.commands.rig_calibrate.command import compensate
+from accelbench.joint.chambers import chamber_model
 from accelbench.joint.result_file import read_calibration
 from errormodel.errors import InputError
 from sinscal.judgement.result_file import ResultContent

@@ -4,7 +4,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from accelbench.commands.demo import command as commands_demo
+from accelbench.commands.demo import work as commands_demo
 from accelbench.commands.demo.whole_job import demo_sequence, fresh_folder, run_demo
 from thermo.compensation.model_file import read_model
 from thermo.planning.sequence import load_sequence

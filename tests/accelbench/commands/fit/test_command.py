@@ -60,7 +60,7 @@ def test_text_says_the_numbers_in_words(fitted):
     assert f"residual {raw_ug:.0f} µg ({raw_ug / 1e3:.2f} mg) with constants only" in out
     assert "these runs cannot give: delta_p" in out
     assert "at 40 °C" in out
-    assert "valid from −20" in out
+    assert "valid from -20" in out
     assert fitted.document["model_id"] in out
 
 

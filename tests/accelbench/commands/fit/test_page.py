@@ -30,7 +30,9 @@ class Page(HTMLParser):
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         if tag not in VOID:
             self.open.append(tag)
-        self.links += [v or "" for name, v in attrs if name in ("src", "href", "data", "srcset")]
+        names = ("src", "href", "data", "srcset")
+        found = [v or "" for name, v in attrs if name in names]
+        self.links += [link for link in found if not link.startswith("#")]  # within the page
 
     def handle_endtag(self, tag: str) -> None:
         assert self.open.pop() == tag

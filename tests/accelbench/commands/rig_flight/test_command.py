@@ -57,6 +57,38 @@ def test_a_calibration_s_file_is_flown(tmp_path: Path, capsys: pytest.CaptureFix
     assert told["rho_calibration_alone_m"] == pytest.approx(twice)
 
 
+def test_the_same_flight_without_the_calibration_stands_beside_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    coarse, _ = published_calibrations()
+    # beforehand ten times the sigmas, and nothing known of their correlations
+    sigmas = np.sqrt(np.diag(coarse.cov))
+    path = tmp_path / "sins.json"
+    path.write_text(
+        json.dumps(
+            {
+                "mode": "mine",
+                "names": list(coarse.names),
+                "covariance": np.diag(sigmas**2).tolist(),
+                "prior": {
+                    n: {"mean": 0.0, "sigma": 10.0 * s}
+                    for n, s in zip(coarse.names, sigmas.tolist(), strict=True)
+                },
+            }
+        )
+    )
+    (told,) = flown(capsys, *SHORT, "--calibration", str(path))["calibrations"]
+    noise = told["rho_m"] ** 2 - told["rho_calibration_alone_m"] ** 2
+    ten_times = np.sqrt(100.0 * told["rho_calibration_alone_m"] ** 2 + noise)
+    assert told["rho_without_calibration_m"] == pytest.approx(ten_times, rel=1e-6)
+    words = [*SHORT[:2], "--calibration", str(path)]
+    assert flight.main(args=words, prog_name="flight", standalone_mode=False) == 0
+    out = capsys.readouterr().out
+    assert "times less" in out
+    assert "1 σ of the horizontal position" in out
+    assert "1900" not in out  # the article's figure belongs to the article's programme
+
+
 def test_pictures_and_words(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     words = [*SHORT[:2], "--monte-carlo", "4", "--report", str(tmp_path / "out")]
     assert flight.main(args=words, prog_name="flight", standalone_mode=False) == 0

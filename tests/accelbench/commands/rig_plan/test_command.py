@@ -88,6 +88,25 @@ def test_a_programme_of_one_s_own_with_priors_groups_and_report(call, short, tmp
     assert "lever_arm_x_y" in (report / "report.html").read_text()
 
 
+def test_people_are_told_sigmas_in_the_units_of_a_calibration(call, short) -> None:
+    si = call("rig", "covariance", short, "--mode", "coarse", "--json").document["coarse"]
+    rows = {
+        words[0]: words[1:]
+        for line in call("rig", "covariance", short, "--mode", "coarse").out.splitlines()
+        if (words := line.split())
+    }
+    for name, unit, size in (
+        ("gyro_bias_x", "°/h", np.deg2rad(1.0) / 3600.0),
+        ("gyro_misalignment_xy", "arcmin", np.deg2rad(1.0) / 60.0),
+        ("accel_bias_x", "µg", 9.80665e-6),
+        ("accel_scale_x", "ppm", 1e-6),
+    ):
+        told = rows[name]
+        assert told[0] == unit
+        # three digits are told
+        assert float(told[1]) == pytest.approx(si["parameters"][name]["sigma"] / size, rel=6e-3)
+
+
 def test_a_simulated_run_is_read_back_and_holds_what_the_file_says(call, short, tmp_path) -> None:
     out, truth = tmp_path / "run.csv", tmp_path / "truth.json"
     done = call("rig", "simulate", short, "--out", out, "--truth", truth, "--angle", "--json")

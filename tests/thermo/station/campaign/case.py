@@ -16,7 +16,7 @@ from pathlib import Path
 import psycopg
 import psycopg.rows
 
-import accelbench.commands.run.command
+import accelbench.commands.run.work
 import thermo.launch.real
 from accelbench.cli import main as run_command
 from tests.thermo.station.there_and_stay import there_and_stay
@@ -108,7 +108,7 @@ def tell(path: Path) -> None:
             more["silence_s"] = float(os.environ["FAULTS_SILENCE_S"])
         return inner(*args, observers=[*observers, Teller(path)], **more)
 
-    accelbench.commands.run.command.run_on_station = told
+    accelbench.commands.run.work.run_on_station = told
 
 
 class Process:
