@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from thermo.recording.files import RecordedRuns, join_runs, make_runs, read_runs
     from thermo.recording.foreign import import_log
     from thermo.recording.write import write_runs
+    from thermo.station.job import make_job, make_resumed_job
     from thermo.store.files import open_existing_store, stored_runs
 
 __all__ = [
@@ -63,7 +64,9 @@ __all__ = [
     "library",
     "load_sequence",
     "load_station",
+    "make_job",
     "make_plan",
+    "make_resumed_job",
     "make_runs",
     "make_station_safe",
     "open_existing_store",
@@ -97,6 +100,7 @@ _HOMES = {
     "thermo.recording.files": ("RecordedRuns", "join_runs", "make_runs", "read_runs"),
     "thermo.recording.foreign": ("import_log",),
     "thermo.recording.write": ("write_runs",),
+    "thermo.station.job": ("make_job", "make_resumed_job"),
     "thermo.store.files": ("open_existing_store", "stored_runs"),
 }  # fmt: skip
 _get = lazy_names("accelbench", {name: home for home, names in _HOMES.items() for name in names})

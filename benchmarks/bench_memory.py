@@ -24,7 +24,8 @@ import pyarrow.parquet as pq
 
 from errormodel.io.table_write import write_with_sidecar
 from thermo.launch.real import load_station
-from thermo.store.store import NewTest, open_store
+from thermo.store.records import NewTest
+from thermo.store.store import open_store
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
 COMMAND = [sys.executable, "-c", "from accelbench.cli import main; raise SystemExit(main())"]

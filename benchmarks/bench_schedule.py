@@ -17,6 +17,7 @@ from drivers.station import StationConfig
 from thermo.launch.emulated import run_emulated
 from thermo.planning.default_station import default_station
 from thermo.planning.sequence import Sequence
+from thermo.station.job import make_job
 from thermo.store.store import open_store
 
 ACCELEROMETERS = 8  # an output and a thermistor each: 16 channels
@@ -48,7 +49,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         url = Path(folder) / "bench.sqlite"
         config = StationConfig.model_validate(data)
-        outcome = run_emulated(asked, url, config=config, clock=RealClock())
+        outcome = run_emulated(make_job(asked, url, config), clock=RealClock())
         with open_store(url) as store:
             frame = store.readings(outcome.test_id)
     ms = 1000 * frame.groupby("slot")["lateness_s"].first().to_numpy()

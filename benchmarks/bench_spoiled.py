@@ -32,12 +32,13 @@ def main() -> None:
     parser.add_argument("file", type=Path)
     parser.add_argument("--commands", nargs="+", choices=tuple(COMMANDS), default=tuple(COMMANDS))
     parser.add_argument("--seeds", type=int, default=20)
+    parser.add_argument("--first", type=int, default=0, help="Seed of the first recording.")
     parser.add_argument("--table", action="store_true", help="Tell what is there, ask nothing.")
     asked = parser.parse_args()
     logging.disable(logging.WARNING)  # each reading left out
     if not asked.table:
         for command in asked.commands:
-            for seed in range(asked.seeds):
+            for seed in range(asked.first, asked.first + asked.seeds):
                 go_on(asked.file, command, seed)
     print(table(lines(asked.file)))
 

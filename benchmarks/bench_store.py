@@ -14,7 +14,8 @@ from pathlib import Path
 
 import numpy as np
 
-from thermo.store.store import NewTest, ReadingRow, open_store
+from thermo.store.records import NewTest, ReadingRow
+from thermo.store.store import open_store
 
 
 def fsync_alone_s(folder: Path, count: int = 200) -> float:

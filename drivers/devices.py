@@ -1,4 +1,4 @@
-"""What a chamber, a digitiser and an indexing head are to everybody above them.
+"""Protocols of a chamber, a digitiser and an indexing head, for everybody above them.
 
 Real instruments and emulated ones are reached through the same drivers; every driver satisfies
 one of these protocols and passes the conformance suite in `tests/drivers`. Units: °C, °, s.
@@ -28,7 +28,7 @@ CHAMBER_C = Range(lo=-200.0, hi=400.0)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SafeResult:
-    """What `make_safe` did and what reading back showed; `verified` only if every check held.
+    """Steps of `make_safe` and what reading back showed; `verified` only if every check held.
 
     `commanded` is False when nothing was written, because the controller was not recognised or
     never commanded; then nothing is verified either.
@@ -62,7 +62,7 @@ class ChannelReading:
 
 @dataclass(slots=True)
 class LinkCounters:
-    """What the link went through; a run stores it. Nothing is retried without being counted."""
+    """Counters of a link, stored with a test. Nothing is retried without being counted."""
 
     exchanges: int = 0
     retries: int = 0
@@ -74,7 +74,7 @@ class LinkCounters:
 
 
 class Device(Protocol):
-    """What every instrument has."""
+    """Base of every instrument."""
 
     @property
     def name(self) -> str:
@@ -108,7 +108,7 @@ class Chamber(Device, Protocol):
 
     @property
     def recognition(self) -> Mapping[str, float | str]:
-        """What `identify` recognised the controller by; empty before.
+        """Values by which `identify` recognised the controller; empty before.
 
         Given to `drivers.chambers.open.open_chamber`, it lets another process recognise the same
         controller again, also when its sensor has failed since.

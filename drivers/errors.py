@@ -1,4 +1,4 @@
-"""What can go wrong between the workbench and an instrument.
+"""Errors between the workbench and an instrument.
 
 ::
 

@@ -3,11 +3,17 @@
 `StationConfig` is what `station.toml` holds; `drivers.opening.open_station` turns it into devices.
 """
 
-from typing import Annotated, Literal, Self, get_args
+from typing import TYPE_CHECKING, Annotated, Literal, Self, get_args
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
+from drivers.chambers.models import CHAMBER_MODELS
 from drivers.devices import CHAMBER_C
+
+if TYPE_CHECKING:
+    ChamberName = str
+else:
+    ChamberName = Literal[tuple(CHAMBER_MODELS)]
 
 FASTEST_C_PER_MIN = 100.0  # screening chambers blown on with liquid nitrogen reach 60 to 70
 SLOTS, CHANNELS_IN_SLOT = 3, 20  # of the 34970A and of its multiplexer 34901A
@@ -23,7 +29,7 @@ class _Section(BaseModel):
 
 
 class LinkConfig(_Section):
-    """How an instrument is reached.
+    """Address of an instrument, and the patience with it.
 
     `url` is ``modbus+tcp://host:port``, ``modbus+rtu:///dev/ttyUSB0``,
     ``modbus+rtu+tcp://host:port`` (RTU frames through a serial server) or
@@ -61,7 +67,7 @@ class ChamberConfig(LinkConfig):
     """
 
     url: ModbusUrl
-    model: Literal["watlow_f4t", "watlow_f4", "eurotherm_3504"]
+    model: ChamberName
     limits_c: tuple[Finite, Finite] = (-55.0, 85.0)
     rate_limits_c_per_min: tuple[Positive, Positive] = (0.05, 5.0)
     safe_temp_c: Finite = 25.0
@@ -139,7 +145,7 @@ Channel = Annotated[int, AfterValidator(_existing)]
 
 
 class InputConfig(_Section):
-    """Where one accelerometer is wired: its output and its own thermistor."""
+    """Wiring of one accelerometer: its output and its own thermistor."""
 
     serial: Annotated[str, Field(min_length=1)]
     output_channel: Channel
@@ -237,9 +243,11 @@ class StationConfig(_Section):
         serials = [i.serial for i in self.inputs]
         if len(set(serials)) != len(serials):
             raise ValueError("inputs: a serial number stands twice")
-        kinds = [f.kind for f in self.emulation.faults] if self.emulation is not None else []
-        if "loop_off" in kinds and self.chamber.model == "watlow_f4":
-            raise ValueError("emulation.faults: a watlow_f4 has no register that tells loop_off")
+        model = self.chamber.model
+        for fault in self.emulation.faults if self.emulation is not None else ():
+            if fault.kind in CHAMBER_MODELS[model].hidden:
+                problem = f"a {model} has no register that tells {fault.kind}"
+                raise ValueError(f"emulation.faults: {problem}")
         return self
 
     @property

@@ -8,7 +8,7 @@ from errormodel.model import ErrorModel
 from sinscal.frames.earth import STANDARD_G
 from sinscal.model.chamber import ChamberModel
 from thermo.compensation.model_file import AccelerometerModel, reporting_factors
-from thermo.twin.plant import T_REF_C, emulated_accelerometer
+from thermo.twin.accelerometer import T_REF_C, emulated_accelerometer
 from thermo.uncertainty.order_choice import with_next_orders
 
 

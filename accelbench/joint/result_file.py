@@ -14,6 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from errormodel.arrays import FloatArray
 from errormodel.io.python_file import Source, check_source
+from errormodel.io.signed import read_json
 from errormodel.model import ErrorModel
 from sinscal.calibration.observability import observability
 from sinscal.combination.combine import Combination
@@ -25,7 +26,6 @@ from sinscal.judgement.result_file import (
     RigResult,
     checked_result,
     library_files,
-    read_json,
     signed,
 )
 from sinscal.library import rig_library

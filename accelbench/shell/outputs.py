@@ -13,11 +13,11 @@ from rich.console import RenderableType
 from accelbench.shell.console import emit
 from errormodel.errors import InputError
 from errormodel.io.atomic import draft_name, write_files
+from errormodel.io.tables import TABLE_SUFFIXES
 from thermo.recording.files import sidecar_path
 
 REPORT_NAME = "report.html"
 TRIAL = 4096  # bytes of the file that proves a place: a full disk still makes empty ones
-RUN_SUFFIXES = (".csv", ".parquet", ".pq")
 
 
 def checked_run_output(path: Path, inputs: Sequence[Path], *, force: bool) -> None:
@@ -28,7 +28,7 @@ def checked_run_output(path: Path, inputs: Sequence[Path], *, force: bool) -> No
     InputError
         If the name is no recorded run's, or either file may not be written.
     """
-    if path.suffix.lower() not in RUN_SUFFIXES:
+    if path.suffix.lower() not in TABLE_SUFFIXES:
         raise InputError(path, "--out", "expected a name ending in .csv or .parquet")
     for one in (path, sidecar_path(path)):
         checked_output(one, inputs, force=force)

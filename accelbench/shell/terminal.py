@@ -16,7 +16,7 @@ import threading
 from collections.abc import Callable, Mapping
 from typing import TextIO
 
-from thermo.station.observers.detached import Kind, Worker, counted
+from thermo.station.observers.detached import Kind, ObserverWorker, counted
 
 PIECE = 4096  # bytes written at a time: whoever reads slowly is seen to move
 # a terminal that was hung up; of a file EIO is a fault of its disk
@@ -107,7 +107,7 @@ class Stream(io.TextIOBase):
     def __init__(self, channel: Channel, kind: Kind) -> None:
         self.channel = channel
         self._kind: Kind = kind
-        self._worker: Worker | None = None
+        self._worker: ObserverWorker | None = None
         self._show: Callable[[str], None] = channel.write
         self._begun = ""
         self._lock = threading.RLock()  # never held while anything is written
@@ -153,7 +153,7 @@ class Stream(io.TextIOBase):
                 rest, self._begun = self._begun, ""
             self._post(rest)
 
-    def detach_to(self, worker: Worker) -> None:
+    def detach_to(self, worker: ObserverWorker) -> None:
         """Let a thread write from now on."""
         self._worker = worker
         self.channel.moved = worker.moved
@@ -181,8 +181,8 @@ class Terminal:
         self._before = sys.stdout, sys.stderr
         self.out = Stream(Channel(sys.stdout, "standard output"), "result")
         self.err = Stream(Channel(sys.stderr, "standard error"), "line")
-        self.worker: Worker | None = None
-        self._workers: list[Worker] = []
+        self.worker: ObserverWorker | None = None
+        self._workers: list[ObserverWorker] = []
 
     def __enter__(self) -> "Terminal":
         sys.stdout, sys.stderr = self.out, self.err
@@ -191,7 +191,7 @@ class Terminal:
     def __exit__(self, *_: object) -> None:
         sys.stdout, sys.stderr = self._before
 
-    def detach(self) -> Worker:
+    def detach(self) -> ObserverWorker:
         """Let a thread write from now on, and return it; nothing that is printed waits any more.
 
         Results on standard output are all kept, lines on standard error up to a number. Each
@@ -199,9 +199,9 @@ class Terminal:
         keep the other's text back.
         """
         if self.worker is None:
-            self._workers = [Worker("standard error", self._tell_dropped)]
+            self._workers = [ObserverWorker("standard error", self._tell_dropped)]
             if not self.out.channel.same_place(self.err.channel):
-                self._workers.append(Worker("standard output", self._tell_dropped))
+                self._workers.append(ObserverWorker("standard output", self._tell_dropped))
             self.worker = self._workers[0]
             self.err.detach_to(self.worker)
             self.out.detach_to(self._workers[-1])

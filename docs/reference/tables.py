@@ -19,8 +19,9 @@ from pydantic import BaseModel
 
 from accelbench.cli import accelbench
 from drivers.chambers.maps import load_map
+from drivers.chambers.models import CHAMBER_MODELS
 from drivers.emulators.faults import PANEL_KINDS, REPLY_KINDS
-from drivers.station import ChamberConfig, FaultKind, StationConfig
+from drivers.station import FaultKind, StationConfig
 from errormodel.terms import InputChange
 from sinscal.library import rig_library
 from sinscal.library.groups import ALL_CHANNELS
@@ -287,7 +288,7 @@ def _fault_group(kind: FaultKind) -> str:
 def registers() -> str:
     """Return the register maps of the chamber controllers."""
     parts: list[str] = []
-    for model in get_args(ChamberConfig.model_fields["model"].annotation):
+    for model in CHAMBER_MODELS:
         book = load_map(model)
         parts.append(f"### {book.title} (`{model}`)\n")
         rows: Rows = []

@@ -9,7 +9,7 @@ def main(folder: Path) -> dict[str, float]:
     """Run the tutorial in a folder and return its figures."""
     # a short sequence on emulated instruments, as `accelbench run` does it
     sequence = ab.load_sequence(Path(ab.__file__).parent / "examples/sequences/short.toml")
-    outcome = ab.run_emulated(sequence, folder / "store.db")
+    outcome = ab.run_emulated(ab.make_job(sequence, folder / "store.db"))
     runs = ab.stored_runs(ab.open_existing_store(folder / "store.db"), outcome.test_id)
 
     # the error model of each accelerometer, and its coefficients as a table

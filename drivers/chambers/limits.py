@@ -1,4 +1,4 @@
-"""What a chamber may be told to do: the station's limits and the controller's own."""
+"""Limits of what a chamber may be told to do: the station's and the controller's own."""
 
 import logging
 import math

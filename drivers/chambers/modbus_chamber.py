@@ -1,4 +1,4 @@
-"""What the Modbus chamber controllers have in common.
+"""Base of the chamber controllers on Modbus.
 
 A model is a register map and a class of a few lines that says in which order its registers are
 set. Here stand the limits, the reading back of everything written, and the way to a safe state.

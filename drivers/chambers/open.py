@@ -1,19 +1,11 @@
-"""The chambers there are drivers for."""
+"""Opening the chamber of a station file with the driver of its model."""
 
 from collections.abc import Callable, Mapping
 
-from drivers.chambers.eurotherm_3504 import Eurotherm3504
 from drivers.chambers.modbus_chamber import ModbusChamber
-from drivers.chambers.watlow_f4 import WatlowF4
-from drivers.chambers.watlow_f4t import WatlowF4T
+from drivers.chambers.models import CHAMBER_MODELS, import_named
 from drivers.devices import Chamber
 from drivers.station import ChamberConfig
-
-_DRIVERS: dict[str, type[ModbusChamber]] = {
-    "watlow_f4t": WatlowF4T,
-    "watlow_f4": WatlowF4,
-    "eurotherm_3504": Eurotherm3504,
-}
 
 
 def open_chamber(
@@ -44,4 +36,5 @@ def open_chamber(
     ValueError
         If the URL is none that leads to a Modbus controller.
     """
-    return _DRIVERS[config.model](config, permit=permit, recognition=recognition)
+    driver: type[ModbusChamber] = import_named(CHAMBER_MODELS[config.model].driver)
+    return driver(config, permit=permit, recognition=recognition)

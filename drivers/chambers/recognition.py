@@ -1,4 +1,4 @@
-"""Whether a controller is the one of the station file, shown before anything is written to it.
+"""Recognition of a controller as the station file's, before anything is written to it.
 
 A number with the wrong scale, unit or word order reads back as it was written: nothing that is
 read after a write can show the error. So scale, unit and word order are proven by registers that
@@ -107,7 +107,7 @@ class RecognisedController(ControllerRegisters, ABC):
 
     @property
     def recognition(self) -> Evidence:
-        """What `identify` recognised the controller by; empty before."""
+        """Values by which `identify` recognised the controller; empty before."""
         return dict(self._evidence)
 
     # ---- what a model shows

@@ -1,4 +1,4 @@
-"""Which set point the loop goes by, and whether anybody else commands it.
+"""Watch over the set point in force, and over commands of anybody else.
 
 What was written is verified by another register, the set point in force; what somebody sets at
 the panel or over the network is told by comparing what was commanded with what is held.
@@ -121,5 +121,5 @@ class WatchedController(RecognisedController, ABC):
 
     @property
     def _near_c(self) -> float:
-        """How far two registers of the same set point may lie apart, °C."""
+        """Tolerance between two registers of the same set point, °C."""
         return 2 * self._map["setpoint"].tolerance(self._config.decimals)

@@ -16,9 +16,9 @@ from drivers.digitisers.keysight_34970a_scpi import (
     OVERRANGE,
     ScanItem,
     configuration,
-    parse_error,
     parse_identity,
     parse_scan,
+    parse_scpi_error,
     range_for,
 )
 from drivers.errors import DeviceError, LinkError, ProtocolError
@@ -258,7 +258,7 @@ class ScanningMultimeter(SerialInstrument):
             raise DeviceError(f"{self._name}: {what!r} refused: {'; '.join(errors)}")
 
     def _read_error_queue(self) -> list[str]:
-        errors = self._read_errors("SYST:ERR?", parse_error, ERROR_QUEUE)
+        errors = self._read_errors("SYST:ERR?", parse_scpi_error, ERROR_QUEUE)
         return [f"{code:+d} {text}" for code, text in errors]
 
     def _empty_error_queue(self) -> None:

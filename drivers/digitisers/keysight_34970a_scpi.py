@@ -1,4 +1,4 @@
-"""What goes over the line to and from a 34970A: commands to set it up, its replies taken apart.
+"""SCPI of a 34970A: commands that set it up, and parsing of its replies.
 
 Facts relied on, from the maker's user's guide: CONFigure and *RST switch the extra fields of a
 reading off, so the FORMat commands come after; every command with a scan list redefines the scan
@@ -95,7 +95,7 @@ def parse_scan(reply: str) -> tuple[ScanItem, ...]:
     return tuple(items)
 
 
-def parse_error(reply: str) -> tuple[int, str]:
+def parse_scpi_error(reply: str) -> tuple[int, str]:
     """Parse the reply to SYSTem:ERRor?.
 
     Returns

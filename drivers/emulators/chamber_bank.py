@@ -1,4 +1,4 @@
-"""What emulated chamber controllers are made of: register cells and a set point in time."""
+"""Parts of emulated chamber controllers: register cells and a set point in time."""
 
 import math
 import struct

@@ -1,25 +1,15 @@
 """Emulated chamber controllers on real sockets and pseudo-terminals."""
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Literal
 
+from drivers.chambers.models import CHAMBER_MODELS, import_named
 from drivers.clock import Clock
 from drivers.emulators.chamber_bank import Controller, Loop
-from drivers.emulators.chamber_profiling import F4
-from drivers.emulators.chamber_ramping import F4T, Eurotherm
 from drivers.emulators.faults import FaultPlan
 from drivers.emulators.modbus_server import ModbusServer, Transport
 from drivers.emulators.plant import Plant
 from drivers.emulators.served import Served
-
-Model = Literal["watlow_f4t", "watlow_f4", "eurotherm_3504"]
-
-_CONTROLLERS: Mapping[Model, type[Controller]] = {
-    "watlow_f4t": F4T,
-    "watlow_f4": F4,
-    "eurotherm_3504": Eurotherm,
-}
 
 
 class ChamberEmulator(Served):
@@ -51,7 +41,7 @@ class ChamberEmulator(Served):
 
     def __init__(
         self,
-        model: Model,
+        model: str,
         plant: Plant,
         clock: Clock,
         faults: FaultPlan,
@@ -69,7 +59,8 @@ class ChamberEmulator(Served):
         now_s = clock.now_s()
         start_c = min(max(plant.air_temp_c(now_s), limits_c[0]), limits_c[1])
         loop = Loop(plant, faults, start_c=start_c, now_s=now_s, trip_c=trip_c)
-        self.controller = _CONTROLLERS[model](
+        controller: type[Controller] = import_named(CHAMBER_MODELS[model].emulator)
+        self.controller = controller(
             loop, clock, decimals=decimals, word_order=word_order, limits_c=limits_c
         )
         self._server = ModbusServer(

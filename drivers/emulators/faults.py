@@ -36,7 +36,7 @@ class _Pending:
 
 
 class FaultPlan:
-    """What goes wrong with one emulated instrument, and when. Thread-safe.
+    """Planned faults of one emulated instrument. Thread-safe.
 
     Parameters
     ----------

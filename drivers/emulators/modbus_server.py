@@ -70,7 +70,7 @@ class ModbusServer:
 
     @property
     def url(self) -> str:
-        """What a client connects to; known once started."""
+        """URL for clients; known once started."""
         if self._pty is not None:
             return f"modbus+rtu://{self._pty.path}"
         if self._listener is None:

@@ -34,7 +34,7 @@ FIELDS = {"CHANnel": "chan", "TIME": "time", "UNIT": "unit", "ALARm": "alar"}
 
 @dataclass(slots=True)
 class _Channel:
-    """What one channel is set to measure."""
+    """Measurement that one channel is set to."""
 
     function: str = "VOLT"
     full_scale: float | None = None  # None: autorange
@@ -43,7 +43,7 @@ class _Channel:
 
 @dataclass(slots=True)
 class _Settings:
-    """What *RST resets."""
+    """Settings that *RST resets."""
 
     channels: dict[int, _Channel] = field(default_factory=dict[int, _Channel])
     scan_list: tuple[int, ...] = ()

@@ -1,4 +1,4 @@
-"""What emulated instruments ask of the physics; the physics itself is passed in from above."""
+"""Protocol of the physics that emulated instruments ask; the physics is passed in from above."""
 
 from typing import Protocol
 

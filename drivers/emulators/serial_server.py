@@ -38,7 +38,7 @@ class Responder(Protocol):
 
 
 class _Plug(Protocol):
-    """Where bytes come from and go to."""
+    """Source and sink of the bytes of one connection."""
 
     def fileno(self) -> int: ...
     def read(self) -> bytes: ...

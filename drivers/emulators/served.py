@@ -1,4 +1,4 @@
-"""What every emulated instrument is to whoever starts it: something with a URL, up or down."""
+"""Base of emulated instruments: started, reached at a URL, closed."""
 
 from typing import Protocol, Self
 
@@ -8,7 +8,7 @@ class Server(Protocol):
 
     @property
     def url(self) -> str:
-        """Where it is reached, once started."""
+        """URL at which it is reached, once started."""
         ...
 
     def start(self) -> None:
@@ -27,7 +27,7 @@ class Served:
 
     @property
     def url(self) -> str:
-        """What goes into the station file; known once started."""
+        """URL for the station file; known once started."""
         return self._server.url
 
     def start(self) -> None:

@@ -2,7 +2,6 @@
 
 import logging
 from pathlib import Path
-from types import TracebackType
 from typing import Protocol
 from urllib.parse import urlsplit
 
@@ -12,7 +11,7 @@ from drivers.emulators.faults import FaultPlan
 from drivers.emulators.motion import HeadEmulator
 from drivers.emulators.multimeter import MultimeterEmulator
 from drivers.emulators.plant import Plant
-from drivers.links.modbus import Transport, parse_url
+from drivers.links.modbus import Transport, parse_modbus_url
 from drivers.station import ChamberConfig, FaultKind, PanelAction, StationConfig
 
 log = logging.getLogger(__name__)
@@ -28,7 +27,7 @@ class Emulator(Protocol):
 
     @property
     def url(self) -> str:
-        """Where it is reached, once started."""
+        """URL at which it is reached, once started."""
         ...
 
     def start(self) -> None:
@@ -84,7 +83,7 @@ class EmulatedStation:
 
     @property
     def faults(self) -> dict[str, FaultPlan]:
-        """How each instrument misbehaves, by name; empty before the start."""
+        """Fault plan of each instrument by name; empty before the start."""
         return dict(self._faults)
 
     def inject(
@@ -176,12 +175,7 @@ class EmulatedStation:
         self.start()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        value: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     # ---- making them
@@ -248,7 +242,7 @@ def _modbus_port(url: str) -> tuple[Transport, str, int, Path | None]:
     parts = urlsplit(url)
     if parts.scheme == "modbus+rtu" and (parts.netloc + parts.path).strip("/") == "auto":
         return "rtu", "", 0, None
-    end = parse_url(url)
+    end = parse_modbus_url(url)
     if end.transport == "rtu":
         return "rtu", "", 0, Path(end.host)
     return end.transport, end.host, end.port, None

@@ -62,7 +62,7 @@ def parse_flag(reply: str) -> bool:
     return reply.strip() == "1"
 
 
-def parse_error(reply: str) -> tuple[int, str]:
+def parse_esp301_error(reply: str) -> tuple[int, str]:
     """Parse the answer to TB?.
 
     Returns
@@ -287,7 +287,7 @@ class MotionHead(SerialInstrument):
             raise DeviceError(f"{self._name}: {what!r} refused: {'; '.join(mine)}")
 
     def _read_error_buffer(self) -> list[tuple[int, str]]:
-        return self._read_errors("TB?", parse_error, ERROR_BUFFER)
+        return self._read_errors("TB?", parse_esp301_error, ERROR_BUFFER)
 
     def _empty_error_buffer(self) -> None:
         """After getting into step: what is in the buffer belongs to the past."""

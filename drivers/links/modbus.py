@@ -43,7 +43,7 @@ class BadReplyError(Exception):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Endpoint:
-    """Where a controller is: a transport and an address on it."""
+    """Place of a controller: a transport and an address on it."""
 
     transport: Transport
     host: str  # or the path of the serial port
@@ -63,13 +63,13 @@ class Question:
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """What a controller answered: the words read, or the code of its exception."""
+    """Answer of a controller: the words read, or the code of its exception."""
 
     words: tuple[int, ...]
     exception: int | None = None
 
 
-def parse_url(url: str) -> Endpoint:
+def parse_modbus_url(url: str) -> Endpoint:
     """Read the URL of a Modbus controller.
 
     Parameters

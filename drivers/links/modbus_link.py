@@ -1,4 +1,4 @@
-"""What is done about silence and wrong bytes on the way to a Modbus controller.
+"""Link to a Modbus controller that recovers from silence and wrong bytes.
 
 After anything but a clean answer the port is closed and opened anew before the next question, so
 that a late reply is never taken for the next answer. An RTU reply does not say what it answers;
@@ -28,7 +28,7 @@ from drivers.links.modbus import (
     PortError,
     Question,
     SilenceError,
-    parse_url,
+    parse_modbus_url,
 )
 from drivers.station import LinkConfig
 
@@ -60,7 +60,7 @@ class RefusalError(DeviceError):
 
     @property
     def absent(self) -> bool:
-        """Whether the controller says that it has no such register."""
+        """True when the controller says that it has no such register."""
         return self.code in _ABSENT
 
 
@@ -102,7 +102,7 @@ class ModbusLink:
         self._config = config
         self._barrier = barrier
         self._before_write = before_write
-        self._endpoint = parse_url(config.url)
+        self._endpoint = parse_modbus_url(config.url)
         self._lock = threading.RLock()
         self._port: Port | None = None
         self._closed = False

@@ -1,4 +1,4 @@
-"""What the instruments on a serial line have in common."""
+"""Base of the instruments on a serial line."""
 
 from collections.abc import Callable
 from typing import TypeVar

@@ -8,7 +8,6 @@ fence), and every line before that answer is thrown away; only then is the next 
 A late reply survives closing and opening a port, the fence is what stops it.
 """
 
-import contextlib
 import logging
 import re
 import threading
@@ -18,15 +17,12 @@ from typing import TypeVar
 
 from drivers.devices import LinkCounters
 from drivers.errors import DeviceError, InstrumentError, LinkError, ProtocolError
-from drivers.links.serial_port import PORT_ERRORS, AnyPort, Flow, address, open_port, why
+from drivers.links.serial_line import SerialLine
+from drivers.links.serial_port import Flow
 
 log = logging.getLogger(__name__)
 
 T = TypeVar("T")
-
-LINE_LIMIT = 65536  # no instrument here sends a longer line
-QUIET_S = 0.05  # a line on which nothing came for so long is taken to be quiet
-STEP_S = 0.25  # longest single wait inside a read, so that a dead port is noticed
 
 
 class SerialLink:
@@ -81,20 +77,15 @@ class SerialLink:
         self.timeout_s = timeout_s
         self.retries = retries
         self.counters = LinkCounters()
-        self._address = address(url, name)
-        self._baud = baud
+        self._line = SerialLine(url, name=name, baud=baud, flow=flow, timeout_s=timeout_s)
         self._fences = tuple(fences)
         self._fence = 0
         self._failed_fences = 0
         self._end = end
-        self._flow: Flow = flow
         self._clear = clear
         self._resynced = resynced
-        self._port: AnyPort | None = None
-        self._buffer = bytearray()
         self._in_step = False
         self._closed = False
-        self._opened_before = False
         self._lock = threading.RLock()
 
     def open(self) -> None:
@@ -107,9 +98,7 @@ class SerialLink:
         """
         with self._lock:
             self._closed = False
-            if self._port is None:
-                self._port = self._opened()
-                self._opened_before = True
+            self._line.open()
 
     def close(self) -> None:
         """Close the port; harmless when done twice."""
@@ -181,16 +170,10 @@ class SerialLink:
         LinkError
             If the port takes no bytes.
         """
-        port = self._live()
-        try:
-            if port.in_waiting:
-                self._buffer += port.read(port.in_waiting)
-            if self._in_step and self._buffer.strip(b"\r\n"):
-                raise ProtocolError(f"{self.name}: a line nobody asked for came before {command!r}")
-            self._buffer.clear()  # the rest of a line's end, where it is LF and CR
-            port.write(command.encode("ascii") + self._end)
-        except PORT_ERRORS as err:
-            raise LinkError(f"{self.name} at {self.url}: {command!r} not sent: {why(err)}") from err
+        unasked = self._line.take_waiting(repr(command))  # a line end: of the last answer
+        if self._in_step and unasked.strip(b"\r\n"):
+            raise ProtocolError(f"{self.name}: a line nobody asked for came before {command!r}")
+        self._line.write(command.encode("ascii") + self._end, repr(command))
 
     def receive(self, timeout_s: float | None = None) -> str:
         """Receive one line; only inside an exchange. Empty lines are passed over.
@@ -215,7 +198,7 @@ class SerialLink:
         limit_s = self.timeout_s if timeout_s is None else timeout_s
         deadline_s = time.monotonic() + limit_s
         while True:
-            raw = self._read_line(deadline_s)
+            raw = self._line.read_line(deadline_s)
             if raw is None:
                 raise self._silence("", limit_s)
             line = raw.rstrip(b"\r").lstrip(b"\r")
@@ -231,14 +214,15 @@ class SerialLink:
         """Open the port when it is closed, and find the answer to the fence."""
         if self._closed:
             raise LinkError(f"{self.name} at {self.url}: the link was closed")
-        if self._port is None:
-            self._port = self._reopened()
+        if self._line.reopen():
+            self.counters.reconnects += 1
         if self._in_step:
             return
-        self._drain()
+        self._line.drain()
         command, pattern = self._fences[self._fence]
         if self._failed_fences and self._clear:
-            self._write_raw(self._clear + self._end)  # one that does not know it reads a line of it
+            # one that does not know it reads a line of it
+            self._line.write(self._clear + self._end, repr(self._clear))
         self.send(command)
         try:
             deadline_s = time.monotonic() + self.timeout_s
@@ -248,7 +232,7 @@ class SerialLink:
             self._failed_fences += 1
             self._fence = (self._fence + 1) % len(self._fences)
             raise
-        self._drain()  # an older answer to the fence may have been the first
+        self._line.drain()  # an older answer to the fence may have been the first
         self._failed_fences = 0
         self._in_step = True
         if self._resynced is not None:
@@ -256,7 +240,7 @@ class SerialLink:
 
     def _receive_any(self, deadline_s: float, command: str) -> str:
         """Receive a line of whatever bytes."""
-        raw = self._read_line(deadline_s)
+        raw = self._line.read_line(deadline_s)
         if raw is None:
             raise self._silence(f" to {command!r}", self.timeout_s)
         return raw.strip(b"\r").decode("ascii", "replace")
@@ -264,81 +248,11 @@ class SerialLink:
     def _silence(self, question: str, limit_s: float) -> LinkError:
         """Count a time-out and return what to say of it."""
         self.counters.timeouts += 1
-        got = f", only {bytes(self._buffer[:40])!r} without a line feed" if self._buffer else ""
+        begun = self._line.begun
+        got = f", only {begun!r} without a line feed" if begun else ""
         return LinkError(
             f"{self.name} at {self.url}: no answer{question} within {limit_s:g} s{got}"
         )
-
-    def _read_line(self, deadline_s: float) -> bytes | None:
-        """Return bytes up to the next LF, which is dropped; None when the deadline passed."""
-        port = self._live()
-        while b"\n" not in self._buffer:
-            if len(self._buffer) > LINE_LIMIT:
-                raise ProtocolError(f"{self.name}: {len(self._buffer)} bytes without a line end")
-            left_s = deadline_s - time.monotonic()
-            if left_s <= 0:
-                return None
-            self._buffer += self._read_some(port, min(left_s, STEP_S))
-        line, _, rest = bytes(self._buffer).partition(b"\n")
-        self._buffer[:] = rest
-        return line
-
-    def _read_some(self, port: AnyPort, wait_s: float) -> bytes:
-        """Wait for a byte at most `wait_s` and return all that are there."""
-        try:
-            if port.timeout != wait_s:  # setting it sets up the whole port
-                port.timeout = wait_s
-            first = port.read(1)
-            return first + (port.read(port.in_waiting) if first and port.in_waiting else b"")
-        except PORT_ERRORS as err:
-            raise LinkError(f"{self.name} at {self.url}: the port is gone: {why(err)}") from err
-
-    def _drain(self) -> None:
-        """Throw away what comes until the line is quiet."""
-        port = self._live()
-        end_s = time.monotonic() + max(self.timeout_s, 2 * QUIET_S)
-        dropped = len(self._buffer)
-        self._buffer.clear()
-        while time.monotonic() < end_s and (some := self._read_some(port, QUIET_S)):
-            dropped += len(some)
-        if dropped:
-            log.info("%s: threw away %d stale bytes", self.name, dropped)
-
-    def _write_raw(self, data: bytes) -> None:
-        try:
-            self._live().write(data)
-        except PORT_ERRORS as err:
-            raise LinkError(f"{self.name} at {self.url}: nothing sent: {why(err)}") from err
-
-    # ---- the port
-
-    def _live(self) -> AnyPort:
-        if self._port is None:
-            raise LinkError(f"{self.name} at {self.url}: the port is not open")
-        return self._port
-
-    def _opened(self) -> AnyPort:
-        """Open the port."""
-        try:
-            return open_port(self._address, self._baud, self._flow, max(self.timeout_s, 1.0))
-        except PORT_ERRORS as err:
-            raise LinkError(f"{self.name} at {self.url}: cannot be opened: {why(err)}") from err
-
-    def _reopened(self) -> AnyPort:
-        """Open the port again, giving an adapter that is being plugged in the time-out to come."""
-        deadline_s = time.monotonic() + (self.timeout_s if self._opened_before else 0.0)
-        while True:
-            try:
-                port = self._opened()
-            except LinkError:
-                if time.monotonic() >= deadline_s:
-                    raise
-                time.sleep(QUIET_S)
-                continue
-            if self._opened_before:
-                self.counters.reconnects += 1
-            self._opened_before = True
-            return port
 
     def _note(self, what: str, err: InstrumentError) -> None:
         """Count a failure, and drop the link unless it was the instrument that refused."""
@@ -351,8 +265,4 @@ class SerialLink:
     def _shut(self) -> None:
         """Close the port; the link is out of step from now on."""
         self._in_step = False
-        self._buffer.clear()
-        port, self._port = self._port, None
-        if port is not None:
-            with contextlib.suppress(*PORT_ERRORS):
-                port.close()
+        self._line.close()

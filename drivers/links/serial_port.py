@@ -94,6 +94,6 @@ def address(url: str, name: str) -> str:
     raise LinkError(f"{name}: url {url!r}, expected serial:///dev/... or socket://host:port")
 
 
-def why(err: BaseException) -> str:
+def error_text(err: BaseException) -> str:
     """Return an error's text on one line."""
     return " ".join(str(err).split()) or type(err).__name__

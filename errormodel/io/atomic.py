@@ -69,6 +69,23 @@ def write_files(contents: Sequence[tuple[Path, bytes]]) -> None:
             draft.write_bytes(content)
 
 
+def replace_file(path: Path, content: bytes) -> None:
+    """Write one file whole, in place of the one that is there.
+
+    Raises
+    ------
+    OSError
+        As the system tells it; the file is then as it was before.
+    """
+    draft = draft_name(path)
+    try:
+        draft.write_bytes(content)
+        _flush(draft)
+        os.replace(draft, path)
+    finally:
+        _forget(draft)
+
+
 def _forget(path: Path) -> None:
     path.unlink(missing_ok=True)
 

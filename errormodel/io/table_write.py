@@ -11,7 +11,7 @@ import pyarrow.parquet
 
 from errormodel.errors import InputError
 from errormodel.io.atomic import written_together
-from errormodel.io.tables import PARQUET_SUFFIXES, sidecar_path
+from errormodel.io.tables import PARQUET_SUFFIXES, TABLE_SUFFIXES, sidecar_path
 from errormodel.io.text_cells import cell_of_text
 
 arrow: Any = pyarrow  # it has no types
@@ -41,11 +41,11 @@ def write_with_sidecar(
         If the suffix is another or a file cannot be written.
     """
     suffix = path.suffix.lower()
-    if suffix not in {".csv", *PARQUET_SUFFIXES}:
+    if suffix not in TABLE_SUFFIXES:
         raise InputError(path, "", "expected a name ending in .csv or .parquet")
     pieces = iter([frame] if isinstance(frame, pd.DataFrame) else frame)
     with written_together([path, sidecar_path(path)]) as (draft, side_draft):
-        (_write_csv if suffix == ".csv" else _write_parquet)(pieces, draft)
+        (_write_parquet if suffix in PARQUET_SUFFIXES else _write_csv)(pieces, draft)
         side_draft.write_text(sidecar, encoding="utf-8")
 
 

@@ -18,6 +18,7 @@ from errormodel.io.table_csv import NUMBER, checked_columns, csv_names, read_csv
 __all__ = [
     "NUMBER",
     "PARQUET_SUFFIXES",
+    "TABLE_SUFFIXES",
     "RawTable",
     "TableForm",
     "column_names",
@@ -32,6 +33,7 @@ ArrowError: type[Exception] = arrow.ArrowException
 
 BATCH = 1 << 16  # rows of Parquet at a time
 PARQUET_SUFFIXES = (".parquet", ".pq")
+TABLE_SUFFIXES = (".csv", *PARQUET_SUFFIXES)  # of the tables that the program writes
 NUMERIC = ("integer", "floating", "decimal", "null")  # Parquet types that a number may have
 
 

@@ -209,6 +209,7 @@ class NavFilter:
         """Return a cycle's derivatives: at each output a measurement, then the motion on."""
         cycle, true = self.cycles[k], seen.true
         columns = sensor_columns(self.sensors, true, nominal.values)
+        columns = replace(columns, accel_frame=np.eye(3))  # the true force is known: it is gravity
         good = np.ones(len(true))
         found = sum_columns(seen.apart @ cycle.c_nb, true.step_s, good, columns, cycle.first)
         sensed = RigNoise(gyro=self.noise.gyro, accel=self.noise.accel)

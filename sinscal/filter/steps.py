@@ -17,6 +17,7 @@ from errormodel.filter.steps import Steps, joined
 from sinscal.filter.data import COUNT, CycleData, Nominal, RigNoise
 from sinscal.filter.integrate import (
     LEAST_S,
+    FeltRates,
     Intervals,
     SensorColumns,
     attitudes,
@@ -27,6 +28,9 @@ from sinscal.filter.integrate import (
 from sinscal.filter.layout import RigLayout
 from sinscal.frames.attitude import left_jacobian, rotation, skew
 from sinscal.model.sensors import Motion, SensorModel
+from sinscal.recording.run import rate_derivative
+
+TRIAL = 1e-5  # rad/s and rad/s², for slopes: what goes with its square is beyond six digits
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -188,7 +192,29 @@ def sensor_columns(
         ones, three = np.ones((3, len(true))), np.arange(3)
         gyro, accel = np.vstack([gyro, ones]), np.vstack([accel, ones])
         gyro_axis, accel_axis = np.append(gyro_axis, three), np.append(accel_axis, three)
-    return SensorColumns(gyro=gyro, gyro_axis=gyro_axis, accel=accel, accel_axis=accel_axis)
+    inverse, _ = sensors.at_rest(true, values)
+    gyro_frame = inverse[:3, :3]
+    return SensorColumns(
+        gyro=gyro, gyro_axis=gyro_axis, accel=accel, accel_axis=accel_axis, gyro_frame=gyro_frame,
+        accel_frame=inverse[3:, 3:], felt=_felt_rates(sensors, true, values, gyro, gyro_frame),
+    )  # fmt: skip
+
+
+def _felt_rates(
+    sensors: SensorModel, true: Motion, values: FloatArray, gyro: FloatArray, frame: FloatArray
+) -> FeltRates | None:
+    """Return how errors of the rate come into the corrected force; None where they do not."""
+    errors = sensors.errors(true, values)[:, 3:]
+    by_rate, by_derivative = (np.zeros((len(true), 3, 3)) for _ in range(2))
+    for axis in range(3):
+        by = TRIAL * frame[:, axis]
+        turned, sped = replace(true, w=true.w + by), replace(true, dw=true.dw + by)
+        by_rate[:, :, axis] = (errors - sensors.errors(turned, values)[:, 3:]) / TRIAL
+        by_derivative[:, :, axis] = (errors - sensors.errors(sped, values)[:, 3:]) / TRIAL
+    if not (by_rate.any() or by_derivative.any()):
+        return None
+    derivative = rate_derivative(gyro.T, true.step_s).T
+    return FeltRates(by_rate=by_rate, by_derivative=by_derivative, derivative=derivative)
 
 
 def _by_unknown(layout: RigLayout, found: Intervals) -> tuple[slice, slice]:
@@ -218,12 +244,12 @@ def force_steps(
     n_gyro, n_accel = gyro.stop - gyro.start, accel.stop - accel.start
     length = found.length_s[:, None]
     h[:, :3, :3] = lever
-    h[:, :3, gyro] = -lever @ found.turned_mean[:, :, :n_gyro]
+    h[:, :3, gyro] = found.felt[:, :, :n_gyro] - lever @ found.turned_mean[:, :, :n_gyro]
     h[:, :3, accel] = found.forced[:, :, :n_accel]
     phi[:, :3, :3] = rotation(-length * earth)
     phi[:, :3, gyro] = -found.turned[:, :, :n_gyro]
     if layout.drift:
-        h[:, :3, 3:6] = -lever @ found.turned_mean[:, :, n_gyro:]
+        h[:, :3, 3:6] = found.felt[:, :, n_gyro:] - lever @ found.turned_mean[:, :, n_gyro:]
         h[:, :3, 6:9] = found.forced[:, :, n_accel:]
         phi[:, :3, 3:6] = -found.turned[:, :, n_gyro:]
         keep = np.exp(-length[:, 0] / noise.instability_tau_s)

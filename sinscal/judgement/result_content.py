@@ -3,13 +3,13 @@
 import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from errormodel.arrays import FloatArray, freeze, readonly
+from errormodel.io.signed import software_name
 from sinscal.calibration.consistency import Consistency, Nis
 from sinscal.calibration.effect_tests import EffectTests
 from sinscal.calibration.hold_out import Shift
@@ -77,7 +77,7 @@ def result_content(judged: Judged, run: RigRun | NavRun, told: Estimates) -> dic
     rows = zip(told.names, told.values.tolist(), np.sqrt(np.diag(told.cov)).tolist(), strict=True)
     priors = zip(told.names, told.prior_mean.tolist(), told.prior_sigma.tolist(), strict=True)
     return {
-        "software": f"accelbench {version('accelbench')}",
+        "software": software_name(),
         "mode": found.mode,
         "t_ref_c": found.sensors.t_ref_c,
         "gravity_m_s2": found.sensors.gravity_m_s2,

@@ -3,8 +3,6 @@
 JSON. Values are SI in the order of `names`; `result_id` is a digest of the content.
 """
 
-import hashlib
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, TypeVar
@@ -13,9 +11,9 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from errormodel.arrays import FloatArray
-from errormodel.errors import InputError
 from errormodel.io.python_file import Source, check_source, sources_of
-from errormodel.io.toml import check, read_text
+from errormodel.io.signed import check_digest, content_digest, json_file_text, read_json
+from errormodel.io.toml import check
 from errormodel.terms import Description
 from sinscal.calibration.observability import GAUGE
 from sinscal.judgement.judge import Judged
@@ -218,12 +216,12 @@ def result_digest(result: ResultContent) -> str:
     for later in ("protection", "drift", "drifts", "not_tested", "library"):
         if not content.get(later):
             content.pop(later, None)
-    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:16]
+    return content_digest(content)
 
 
 def dump_result(result: ResultContent) -> str:
     """Return the text of RESULT.json."""
-    return json.dumps(result.model_dump(mode="json"), ensure_ascii=False, indent=1) + "\n"
+    return json_file_text(result, indent=1)
 
 
 def read_result(path: Path | str) -> RigResult:
@@ -237,20 +235,6 @@ def read_result(path: Path | str) -> RigResult:
     return checked_result(read_json(path), RigResult, path)
 
 
-def read_json(path: Path | str) -> Any:
-    """Read a JSON file.
-
-    Raises
-    ------
-    InputError
-        If it cannot be read or is no JSON.
-    """
-    try:
-        return json.loads(read_text(path))
-    except (ValueError, RecursionError) as err:
-        raise InputError(path, "", f"not JSON: {err}") from None
-
-
 def checked_result(data: Any, kind: type[R], path: Path | str) -> R:
     """Return what was read as a result of some kind.
 
@@ -260,8 +244,7 @@ def checked_result(data: Any, kind: type[R], path: Path | str) -> R:
         If a key is wrong, or it was changed by hand.
     """
     result = check(data, kind, path)
-    if result_digest(result) != result.result_id:
-        raise InputError(path, "result_id", "does not fit the content: the file was changed")
+    check_digest(result_digest(result), result.result_id, path, "result_id")
     return result
 
 

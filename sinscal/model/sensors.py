@@ -175,7 +175,7 @@ class SensorModel:
         Newton's steps with the slope at rest: what is linear, most of all errors, takes one. Each
         step leaves about the same share of what it found, and the last is not looked at again.
         """
-        inverse, offset = self._at_rest(motion, values)
+        inverse, offset = self.at_rest(motion, values)
         measured = np.array([*motion.w.T, *motion.f.T])
         now = inverse @ (measured - offset[:, None])
         true = _moved_to(motion, now)
@@ -235,7 +235,7 @@ class SensorModel:
         mine = dict(zip(model.names, values[self.places[6]].tolist(), strict=True))
         return model.simulate(_angle_record(angle, turn), mine) - angle
 
-    def _at_rest(self, motion: Motion, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def at_rest(self, motion: Motion, values: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the inverse of measured by true, (6, 6), and the errors without any motion, (6,).
 
         By seven trial motions, so small that only what is linear shows.

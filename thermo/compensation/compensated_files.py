@@ -190,10 +190,15 @@ def _channel(
 
 
 def _scale_left_ug(gravity_m_s2: float, model: AccelerometerModel) -> float | None:
-    """Return what K0 has of one per cent of K1 at the fit's site and not here, at 1 g, µg."""
+    """Return what K0 has of one per cent of K1 at the fit's site and not here, at 1 g, µg.
+
+    An output of K1·(K0 + a) at the fit's site, in whose g everything is, is taken for
+    N·(K0' + a), N nominal: K0' holds (K1/N − 1)·a. Where gravity is ρ times that, it lacks
+    (K1/N − 1)·a·(ρ − 1), of a local a·ρ.
+    """
     if not model.has_input or "k1" in model.names:
         return None
-    return 1e4 * abs(gravity_m_s2 / model.gravity_m_s2 - 1.0)
+    return 1e4 * abs(1.0 - model.gravity_m_s2 / gravity_m_s2)
 
 
 def _left_in_ug(model: AccelerometerModel) -> float:

@@ -4,11 +4,8 @@ JSON. Coefficients stand in the units of the report (µg, ppm, …) with their s
 in the same units and in the order of `names`. `model_id` is a digest of the content.
 """
 
-import hashlib
-import json
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
-from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -24,7 +21,14 @@ from errormodel.arrays import FloatArray
 from errormodel.errors import InputError
 from errormodel.fit import ModelFit
 from errormodel.io.python_file import check_source, sources_of
-from errormodel.io.toml import check, read_text
+from errormodel.io.signed import (
+    check_digest,
+    content_digest,
+    json_file_text,
+    read_json,
+    software_name,
+)
+from errormodel.io.toml import check
 from errormodel.model import ErrorModel
 from thermo.compensation.model_parts import (
     CoefficientValue,
@@ -284,7 +288,7 @@ def make_model_file(fits: Sequence[AccelerometerFit]) -> ModelFile:
             "format": FORMAT,
             "model_id": model_digest(accelerometers),
             "created_utc": datetime.now(UTC).isoformat(timespec="seconds"),
-            "software": f"accelbench {version('accelbench')}",
+            "software": software_name(),
             "accelerometers": accelerometers,
         }
     )
@@ -292,13 +296,12 @@ def make_model_file(fits: Sequence[AccelerometerFit]) -> ModelFile:
 
 def model_digest(accelerometers: Sequence[Mapping[str, Any]]) -> str:
     """Return the digest of a model file's accelerometers, as JSON holds them: its `model_id`."""
-    text = json.dumps(accelerometers, sort_keys=True, separators=(",", ":"))
-    return hashlib.sha256(text.encode()).hexdigest()[:16]
+    return content_digest(accelerometers, compact=True)
 
 
 def dump_model(model: ModelFile) -> str:
     """Return a model file's text."""
-    return json.dumps(model.model_dump(mode="json"), indent=2, ensure_ascii=False) + "\n"
+    return json_file_text(model, indent=2)
 
 
 def read_model(path: Path | str) -> ModelFile:
@@ -309,15 +312,11 @@ def read_model(path: Path | str) -> ModelFile:
     InputError
         If it is not one, or was changed after it was written (its `model_id` no longer fits).
     """
-    try:
-        data = json.loads(read_text(path))
-    except (json.JSONDecodeError, RecursionError) as err:
-        raise InputError(path, "", f"not JSON: {err}") from None
+    data = read_json(path)
     model = check(data, ModelFile, path)
     # as written: a key that a later version added is not in an older file's digest
     accelerometers = [
         one.model_dump(mode="json", exclude_unset=True) for one in model.accelerometers
     ]
-    if model_digest(accelerometers) != model.model_id:
-        raise InputError(path, "model_id", "does not fit the content: the file was changed by hand")
+    check_digest(model_digest(accelerometers), model.model_id, path, "model_id")
     return model

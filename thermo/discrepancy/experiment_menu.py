@@ -7,7 +7,6 @@ from itertools import product
 import numpy as np
 
 from thermo.planning.sequence import (
-    Accelerometer,
     Hold,
     Positions,
     Ramp,
@@ -15,6 +14,7 @@ from thermo.planning.sequence import (
     Sampling,
     Sequence,
     TemperatureProgramme,
+    TestedAccelerometer,
 )
 from thermo.recording.channel import Channel
 
@@ -158,7 +158,7 @@ def _sequence(
     return Sequence(
         name=name,
         accelerometers=(
-            Accelerometer(
+            TestedAccelerometer(
                 serial=channel.serial,
                 nominal_scale=abs(channel.nominal_scale),
                 mount_deg=mount_deg,

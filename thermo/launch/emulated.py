@@ -3,7 +3,6 @@
 from collections.abc import Generator, Mapping
 from collections.abc import Sequence as Many
 from contextlib import contextmanager
-from pathlib import Path
 
 import numpy as np
 
@@ -12,12 +11,10 @@ from drivers.emulators.plant import Plant
 from drivers.emulators.station import EmulatedStation
 from drivers.station import StationConfig
 from thermo.launch.real import run_on_station
-from thermo.planning.default_station import default_station
-from thermo.planning.plan import make_plan
-from thermo.planning.sequence import Sequence
+from thermo.station.job import Job
 from thermo.station.outcome import Event, Observer, Progress, RunControl, TestOutcome
 from thermo.store.files import open_existing_store
-from thermo.store.store import ReadingRow
+from thermo.store.records import ReadingRow
 from thermo.twin.plant import Twin, make_plant
 
 
@@ -50,15 +47,8 @@ def emulated(
         yield station
 
 
-def relive_stored(plant: Twin, store_url: str | Path, test_id: str) -> None:
-    """Give the accelerometers of a resumed test, made anew, the past that its store tells of.
-
-    Parameters
-    ----------
-    plant : Twin
-    store_url : str or path
-    test_id : str
-    """
+def relive_stored(plant: Twin, store_url: str, test_id: str) -> None:
+    """Give the accelerometers of a resumed test, made anew, the past that its store tells of."""
     with open_existing_store(store_url) as store:
         readings = store.readings(test_id).dropna(subset=["temp_c"])
     for serial, mine in readings.groupby("serial"):
@@ -69,15 +59,12 @@ def relive_stored(plant: Twin, store_url: str | Path, test_id: str) -> None:
 
 
 def run_emulated(
-    sequence: Sequence,
-    store_url: str | Path,
+    job: Job,
     *,
-    config: StationConfig | None = None,
     plant: Plant | None = None,
     effects: Mapping[str, Mapping[str, float]] | None = None,
     seed: int = 1,
     clock: Clock | None = None,
-    resume: str | None = None,
     observers: Many[Observer] = (),
     control: RunControl | None = None,
     take_over: bool = False,
@@ -86,12 +73,10 @@ def run_emulated(
 
     Parameters
     ----------
-    sequence : Sequence
-    store_url : str or path
-    config : StationConfig, optional
-        `default_station` if not given.
+    job : Job
+        As `thermo.station.job.make_job` or `make_resumed_job` makes it.
     plant : Plant, optional
-        The physics; the physical twin of `config` if not given.
+        The physics; the physical twin of the job's station if not given.
     effects : mapping, optional
         Hidden effects of the twin's accelerometers by serial number. A sequence with a `run_in`
         finds them newly assembled, and a resumed one with the past that its store tells of.
@@ -99,7 +84,7 @@ def run_emulated(
         Of the twin.
     clock : Clock, optional
         A `SteppedClock` if not given: the night passes as fast as the machine can compute it.
-    resume, observers, control, take_over
+    observers, control, take_over
         As for `run_on_station`. There is no guardian: the chamber ends with the process.
 
     Returns
@@ -107,29 +92,29 @@ def run_emulated(
     TestOutcome
     """
     clock = clock or SteppedClock()
-    config = config or default_station(sequence)
-    make_plan(sequence, config)
-    if plant is None:
-        scales = {a.serial: a.nominal_scale for a in sequence.accelerometers}
-        plant = make_plant(
-            config,
-            nominal_scales=scales,
-            effects=effects,
-            new_from_assembly=sequence.run_in is not None,
-            mount_deg={a.serial: a.mount_deg for a in sequence.accelerometers},
-            seed=seed,
-        )
-        if resume is not None and sequence.run_in is not None:
-            relive_stored(plant, store_url, resume)
-    with EmulatedStation(config, plant, clock) as station:
+    plant = plant or _twin_of(job, effects, seed)
+    with EmulatedStation(job.station, plant, clock) as station:
         return run_on_station(
-            sequence,
-            station.config,
-            store_url,
+            job.served_at(station.config),
             clock=clock,
-            resume=resume,
             observers=(_PowerSwitch(plant, clock), *observers),
             control=control,
             guard=False,
             take_over=take_over,
         )
+
+
+def _twin_of(job: Job, effects: Mapping[str, Mapping[str, float]] | None, seed: int) -> Twin:
+    """Return the physical twin of a job's station, with its accelerometers' past."""
+    accelerometers, run_in = job.sequence.accelerometers, job.sequence.run_in
+    twin = make_plant(
+        job.station,
+        nominal_scales={a.serial: a.nominal_scale for a in accelerometers},
+        effects=effects,
+        new_from_assembly=run_in is not None,
+        mount_deg={a.serial: a.mount_deg for a in accelerometers},
+        seed=seed,
+    )
+    if job.resume is not None and run_in is not None:
+        relive_stored(twin, job.store_url, job.resume)
+    return twin

@@ -28,7 +28,7 @@ PAUSE_S = 0.2
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MadeSafe:
-    """What became of it.
+    """Result of making a station safe.
 
     Attributes
     ----------
@@ -48,7 +48,7 @@ class MadeSafe:
 
     @property
     def done(self) -> bool:
-        """Whether the chamber is safe and nobody else has it, or there was nothing to do."""
+        """True when the chamber is safe and nobody else has it, or there was nothing to do."""
         return not self.needed or (self.safe.verified and not self.held_by)
 
 

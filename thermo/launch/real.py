@@ -18,22 +18,14 @@ from drivers.clock import Clock, RealClock
 from drivers.opening import open_station
 from drivers.station import StationConfig
 from errormodel.io.toml import read_toml
-from thermo.planning.plan import make_plan
-from thermo.planning.sequence import Sequence, load_sequence
 from thermo.safety.guarded_sitting import Guard, take_lock
 from thermo.safety.guardian_results import collect_result, result_file
 from thermo.safety.heartbeat import notify_service
+from thermo.station.job import Job
 from thermo.station.outcome import Observer, RunControl, TestOutcome
-from thermo.station.procedure import run_test, stored_sequence
+from thermo.station.procedure import run_test
 from thermo.station.session import no_heartbeat
-from thermo.store.spool.spooled_store import open_spooled_store, patience_s
-from thermo.store.store import Store
-
-__all__ = [
-    "load_sequence",
-    "load_station",
-    "run_on_station",
-]
+from thermo.store.spool.spooled_store import open_spooled_store, write_patience_s
 
 log = logging.getLogger(__name__)
 
@@ -58,12 +50,9 @@ def load_station(path: Path | str) -> StationConfig:
 
 
 def run_on_station(
-    sequence: Sequence | None,
-    config: StationConfig | None,
-    store_url: str | Path,
+    job: Job,
     *,
     clock: Clock | None = None,
-    resume: str | None = None,
     observers: Many[Observer] = (),
     control: RunControl | None = None,
     guard: bool = True,
@@ -79,13 +68,10 @@ def run_on_station(
 
     Parameters
     ----------
-    sequence, config : Sequence, StationConfig
-        With `resume` None is enough: the store has both.
-    store_url : str or path
+    job : Job
+        As `thermo.station.job.make_job` or `make_resumed_job` makes it.
     clock : Clock, optional
         Real time if not given.
-    resume : str, optional
-        The test to go on with.
     observers, control
         As for `thermo.station.procedure.run_test`.
     guard : bool
@@ -108,42 +94,32 @@ def run_on_station(
     """
     clock, control = clock or RealClock(), control or RunControl()
     with ExitStack() as stack:
-        if resume is None:
-            if sequence is None or config is None:
-                raise ValueError("a new test needs a sequence and a station")
-            make_plan(sequence, config)  # before the store is made, so that nothing is written
-        store = stack.enter_context(open_spooled_store(store_url))
-        if resume is not None:
-            config = config or _stored_station(store, resume)
-            sequence = stored_sequence(store, resume, sequence)
-            store.claim(resume)
-        assert sequence is not None
-        assert config is not None
-        store.patience_s = patience_s(sequence.sampling.period_s, clock)
+        store = stack.enter_context(open_spooled_store(job.store_url))
+        if job.resume is not None:
+            store.claim(job.resume)
+        store.patience_s = write_patience_s(job.sequence.sampling.period_s, clock)
         sitting = None
         if guard:  # before anything is opened or written
-            sitting = stack.enter_context(
-                Guard(config, take_lock(config.chamber), limit_s=silence_s)
-            )
-        if resume is not None:
-            collect_result(store, resume, result_file(store_url, resume))
+            lock = take_lock(job.station.chamber)
+            sitting = stack.enter_context(Guard(job.station, lock, limit_s=silence_s))
+        if job.resume is not None:
+            collect_result(store, job.resume, result_file(job.store_url, job.resume))
         permit = None if sitting is None else sitting.permit
         with (
             signals_to(control),
-            open_station(config, clock=clock, permit=permit) as station,
+            open_station(job.station, clock=clock, permit=permit) as station,
         ):
 
             def start_guardian(test_id: str) -> None:
                 if sitting is not None:
-                    path = result_file(store_url, test_id)
+                    path = result_file(job.store_url, test_id)
                     sitting.start(test_id, station.chamber.recognition, path)
 
             outcome = run_test(
-                sequence,
+                job,
                 station,
                 store,
                 clock,
-                resume=resume,
                 observers=observers,
                 control=control,
                 before_command=start_guardian,
@@ -161,10 +137,6 @@ def _end_sitting(sitting: Guard, outcome: TestOutcome) -> TestOutcome:
     if not sitting.taken_over:
         return outcome
     return replace(outcome, status="failed", reason=sitting.taken_over, safe=safe)
-
-
-def _stored_station(store: Store, test_id: str) -> StationConfig:
-    return StationConfig.model_validate_json(store.test(test_id).station_json)
 
 
 @contextmanager

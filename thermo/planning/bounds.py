@@ -1,4 +1,4 @@
-"""What a number of the sequence and of the station file may be, refused before a test begins.
+"""Bounds of the numbers in sequence and station file, checked before a test begins.
 
 A limit may not be so wide that it would protect nobody, and no number may be one that no
 instrument, accelerometer or laboratory has. Where the file's own check bounds a number on both

@@ -1,4 +1,4 @@
-"""What a planned test can and cannot separate, and how well, before it is run."""
+"""Expected sigmas of a planned test, and the coefficients that it cannot separate."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -31,8 +31,8 @@ class Foreseen:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Foresight:
-    """What a planned test will give.
+class CoefficientForesight:
+    """Expected results of a planned test.
 
     Attributes
     ----------
@@ -72,7 +72,7 @@ class Foresight:
         return (head, *rows, "Cannot be separated with this plan:", *lost)
 
 
-def foresee(
+def foresee_coefficients(
     runs: Sequence[RunPlan],
     *,
     t_ref_c: float = 25.0,
@@ -80,7 +80,7 @@ def foresee(
     output_unit: str = "g",
     mount_deg: float = 0.0,
     noise: NoiseModel = ASSUMED_NOISE,
-) -> Foresight:
+) -> CoefficientForesight:
     """Foresee what the model equation's coefficients will be known to.
 
     Parameters
@@ -98,7 +98,7 @@ def foresee(
 
     Returns
     -------
-    Foresight
+    CoefficientForesight
     """
     channel = planned_channel(runs, t_ref_c, mount_deg)
     names, lost = separable_names(channel)
@@ -107,7 +107,7 @@ def foresee(
     sigmas = np.sqrt(np.diag(expected_covariance(model, channel.record, values, noise)))
     factors = reporting_factors(model, nominal_scale)
     units = reported_units(model, output_unit)
-    return Foresight(
+    return CoefficientForesight(
         runs=len(runs),
         mount_deg=mount_deg,
         expected=tuple(

@@ -6,7 +6,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from thermo.planning.sequence import MIN_RAMP_C, Cycle, Hold, Positions, Ramp, TemperatureProgramme
+from thermo.planning.sequence import (
+    MIN_RAMP_C,
+    Hold,
+    Positions,
+    Ramp,
+    TemperatureCycle,
+    TemperatureProgramme,
+)
 
 FloatArray = NDArray[np.float64]
 
@@ -34,7 +41,7 @@ class Leg:
 
     @property
     def is_ramp(self) -> bool:
-        """Whether the temperature is to move."""
+        """True when the temperature is to move."""
         return self.end_c != self.start_c
 
 
@@ -84,7 +91,9 @@ def _target_c(step: Hold | Ramp) -> float:
 def _steps(programme: TemperatureProgramme) -> Iterator[Hold | Ramp]:
     temp_c = programme.start_c
     for segment in programme.segments:
-        steps = _cycle(segment, temp_c) if isinstance(segment, Cycle) else iter((segment,))
+        steps = (
+            _cycle(segment, temp_c) if isinstance(segment, TemperatureCycle) else iter((segment,))
+        )
         for step in steps:
             if isinstance(step, Ramp):
                 temp_c = step.to_c
@@ -93,7 +102,7 @@ def _steps(programme: TemperatureProgramme) -> Iterator[Hold | Ramp]:
             yield step
 
 
-def _cycle(cycle: Cycle, temp_c: float) -> Iterator[Hold | Ramp]:
+def _cycle(cycle: TemperatureCycle, temp_c: float) -> Iterator[Hold | Ramp]:
     targets = [cycle.low_c] if abs(temp_c - cycle.low_c) >= MIN_RAMP_C else []
     targets += [cycle.high_c, cycle.low_c] * cycle.count
     for target_c in targets:

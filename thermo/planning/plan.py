@@ -20,7 +20,7 @@ MAX_SLOTS = 2_000_000  # all runs; a period of 0.1 s for more than two days
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class RunPlan:
-    """What one run will look like; arrays of one element per slot.
+    """One run spelt out; arrays of one element per slot.
 
     `temp_c` is predicted: the commanded temperature behind one lag. Together with `time_s` and
     `position_deg` it is what a model needs to foresee how well it can be fitted.

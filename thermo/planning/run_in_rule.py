@@ -11,7 +11,7 @@ Cycles = Annotated[int, Strict(), Field(ge=3, le=MAX_CYCLES)]
 
 
 class RunInRule(BaseModel):
-    """When a run-in stops by itself.
+    """Rule by which a run-in stops by itself.
 
     Attributes
     ----------

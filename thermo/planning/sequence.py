@@ -32,7 +32,7 @@ class _Section(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
-class Accelerometer(_Section):
+class TestedAccelerometer(_Section):
     """One accelerometer under test; `nominal_scale` is in its output unit per g.
 
     `mount_deg` is how far it is mounted turned on the head: its input axis stands at the head's
@@ -77,7 +77,7 @@ class Ramp(_Section):
     positions: Positions | None = None
 
 
-class Cycle(_Section):
+class TemperatureCycle(_Section):
     """Short for `count` times: ramp to `high_c`, soak, ramp to `low_c`, soak.
 
     Begun anywhere but at `low_c`, it goes there first, at the same rate, and soaks.
@@ -92,17 +92,17 @@ class Cycle(_Section):
     positions: Positions | None = None
 
     @model_validator(mode="after")
-    def _check(self) -> "Cycle":
+    def _check(self) -> "TemperatureCycle":
         if not self.high_c - self.low_c >= MIN_RAMP_C:
             raise ValueError(f"low_c {self.low_c:g} must be below high_c {self.high_c:g}")
         return self
 
 
-Segment = Annotated[Hold | Ramp | Cycle, Field(discriminator="kind")]
+Segment = Annotated[Hold | Ramp | TemperatureCycle, Field(discriminator="kind")]
 
 
 class Rest(_Section):
-    """Where the chamber stands while the accelerometers rest unpowered; None: the safe one."""
+    """Chamber temperature while the accelerometers rest unpowered; None: the safe one."""
 
     temp_c: Temp | None = None
 
@@ -135,7 +135,7 @@ class Sampling(_Section):
 
 
 class Limits(_Section):
-    """What ends the test safely.
+    """Limits beyond which the test is ended safely.
 
     Every limit has a bound beyond which it would protect nobody; `thermo.planning.bounds` holds
     them, so that a test stored before there was a bound can still be read.
@@ -183,7 +183,7 @@ class Limits(_Section):
 
 
 class SelfHeating(_Section):
-    """How the SINS warms itself after power-on, as measured."""
+    """Self-heating of the SINS after power-on, as measured."""
 
     time_min: Annotated[tuple[Number, ...], Field(min_length=2)]
     temp_c: Annotated[tuple[Temp, ...], Field(min_length=2)]
@@ -198,7 +198,7 @@ class SelfHeating(_Section):
 
 
 class Uniformity(_Section):
-    """When a ramp counts as uniform.
+    """Criterion for a uniform ramp.
 
     The slope is a least-squares line over `window_min`; the band about the commanded rate is
     `band_fraction` of it, or `band_c_per_min` when given. The first `transient_min` of a ramp, in
@@ -223,7 +223,7 @@ class Uniformity(_Section):
 
 
 class AfterGap(_Section):
-    """What to do after a pause or an interruption.
+    """Rule for going on after a pause or an interruption.
 
     "resoak": the interrupted segment's readings are voided, its starting temperature is held for
     `resoak_min` and the segment is repeated. "accept": the run goes on and the gap is marked; a
@@ -239,7 +239,7 @@ class Sequence(_Section):
     """A chamber test sequence; with `run_in`, its run is repeated until that rule stops it."""
 
     name: Annotated[str, Field(min_length=1, max_length=200)]
-    accelerometers: Annotated[tuple[Accelerometer, ...], Field(min_length=1, max_length=1000)]
+    accelerometers: Annotated[tuple[TestedAccelerometer, ...], Field(min_length=1, max_length=1000)]
     temperature: TemperatureProgramme
     positions: Positions
     sampling: Sampling
@@ -251,7 +251,8 @@ class Sequence(_Section):
     @model_validator(mode="after")
     def _check(self) -> "Sequence":
         legs = sum(
-            2 * s.count + 2 if isinstance(s, Cycle) else 1 for s in self.temperature.segments
+            2 * s.count + 2 if isinstance(s, TemperatureCycle) else 1
+            for s in self.temperature.segments
         )
         if legs > MAX_LEGS:
             raise ValueError(f"temperature.segments: {legs} ramps and holds, at most {MAX_LEGS}")

@@ -1,4 +1,4 @@
-"""How long the controller of a test may be silent while everything is in order.
+"""Longest silence of a test's controller while everything is in order.
 
 The control thread beats between any two calls of an instrument, in every slice of a wait and
 before every write to the chamber. So the longest time between two beats is the longest single call,
@@ -6,7 +6,7 @@ or the longest the store may take. Everything here is in real seconds.
 """
 
 from drivers.digitisers.keysight_34970a import AUTOZERO, LINE_PERIOD_S, REPLY_BYTES, SETTLE_S
-from drivers.links.modbus import parse_url
+from drivers.links.modbus import parse_modbus_url
 from drivers.station import StationConfig
 
 # questions between two beats while the chamber is recognised, looked at or made safe: the
@@ -45,7 +45,7 @@ def longest_step_s(config: StationConfig, store_s: float = READ_PATIENCE_S) -> f
     """
     chamber, digitiser, head = config.chamber, config.digitiser, config.head
     try:
-        tcp = parse_url(chamber.url).transport == "tcp"
+        tcp = parse_modbus_url(chamber.url).transport == "tcp"
     except ValueError:  # told when the chamber is opened
         tcp = True
     limits = TCP_LIMITS if tcp else RTU_LIMITS

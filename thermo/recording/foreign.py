@@ -17,10 +17,13 @@ from thermo.recording.foreign_log import Log, chosen_rows, matching, read_log
 from thermo.recording.foreign_map import Accelerometer, LogMap, Temperature, TimeColumn, Value
 from thermo.recording.readings_check import flag_readings
 from thermo.recording.runs import FORCES, BoolArray, FloatArray, IntArray, Labels, RecordedRuns
+from thermo.recording.units_check import unit_complaints
 
 __all__ = ["LogMap", "import_log"]
 
 log = logging.getLogger(__name__)
+
+CLOCKS = "were the clocks changed? give zone in [time], like Europe/Berlin"
 
 
 def import_log(file: Path | str, map_file: Path | str) -> RecordedRuns:
@@ -153,13 +156,10 @@ def _in_zone(instant: datetime, zone: tzinfo, before: datetime | None) -> dateti
 
 def _tell_change_of_clocks(rows: Log, values: list[int | float | None]) -> None:
     """Say where local times go back by an hour: the clocks were changed, and a zone would tell."""
-    hour = 3_600_000_000
     for i, (before, after) in enumerate(pairwise(values)):
-        if before is not None and after is not None and -hour <= after - before < -0.9 * hour:
-            log.warning(
-                "%s: line %d: the time goes back by an hour: were the clocks changed? give zone "
-                "in [time], like Europe/Berlin", rows.path, rows.lines[i + 1],
-            )  # fmt: skip
+        if before is not None and after is not None and _is_change_of_clocks(before, after):
+            where = f"line {rows.lines[i + 1]}"
+            log.warning("%s: %s: the time goes back by an hour: %s", rows.path, where, CLOCKS)
             return
 
 
@@ -195,13 +195,21 @@ def _first_fault(rows: Log, value: FloatArray, mapping: LogMap) -> InputError:
     for i, run in enumerate(run_of):
         before = last.get(run)
         if np.isnan(value[i]) or (before is not None and value[i] <= value[before]):
-            what = "is no time" if before is None or np.isnan(value[i]) else (
-                f"is not after {cells[before]} of line {rows.lines[before]}"
-            )  # fmt: skip
-            problem = f'time {cells[i]!r:.60} {what}; on_bad_row = "flag" leaves such rows out'
+            what, help_ = "is no time", 'on_bad_row = "flag" leaves such rows out'
+            if before is not None and not np.isnan(value[i]):
+                what = f"is not after {cells[before]} of line {rows.lines[before]}"
+                if mapping.time.local and _is_change_of_clocks(value[before], value[i]):
+                    help_ = CLOCKS
+            problem = f"time {cells[i]!r:.60} {what}; {help_}"
             return InputError(rows.path, f"line {rows.lines[i]}", problem)
         last[run] = i
     raise AssertionError("called for a log without a fault")
+
+
+def _is_change_of_clocks(before_us: float, after_us: float) -> bool:
+    """Tell a time that goes back by an hour, less what there was between two rows."""
+    hour_us = 3.6e9
+    return -hour_us <= after_us - before_us < -0.9 * hour_us
 
 
 def _tell_left_out(rows: Log, left: IntArray, mapping: LogMap) -> None:
@@ -334,5 +342,7 @@ def _record(
         "flag": Labels.of(flags[order]),
     }
     table = Table(text, number, str(rows.path), lambda i: f"line {rows.lines[int(row[i])]}")
-    record = build(table, mapping.output.scale, starts)
-    return flag_readings(record, table.place)
+    record = flag_readings(build(table, mapping.output.scale, starts), table.place)
+    for doubt in unit_complaints(record):  # whoever reads the recording refuses it
+        log.warning("%s: %s", rows.path, doubt)
+    return record

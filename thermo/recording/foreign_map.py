@@ -134,6 +134,11 @@ class TimeColumn(Section):
         return self.format != "iso" and day is None
 
     @property
+    def local(self) -> bool:
+        """Whether it holds dates of which the time zone is not stated here."""
+        return self.format is not None and self.zone is None and not self.without_day
+
+    @property
     def unit_s(self) -> float:
         """Seconds per unit of the column."""
         return self.scale if self.scale is not None else TIME_UNITS_S[self.unit or "s"]

@@ -22,7 +22,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from drivers.errors import LinkError
-from drivers.links.modbus import parse_url
+from drivers.links.modbus import parse_modbus_url
 from drivers.station import ChamberConfig
 from thermo.safety.processes import process_state, user_name
 
@@ -46,7 +46,7 @@ class ChamberHeldError(LinkError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Holder:
-    """Who holds a chamber; what could not be learnt is None or empty.
+    """Process that holds a chamber; what could not be learnt is None or empty.
 
     Attributes
     ----------
@@ -73,7 +73,7 @@ class Holder:
 
     @property
     def is_guardian(self) -> bool:
-        """Whether only a guardian is left, which lets go when the chamber is safe."""
+        """True when only a guardian is left, which lets go when the chamber is safe."""
         return self.state == "gone"
 
     @property
@@ -227,7 +227,7 @@ def lock_names(config: ChamberConfig, *, salt: str = "") -> tuple[str, ...]:
         If the URL is of no known kind, or the host has no address.
     """
     try:
-        end = parse_url(config.url)
+        end = parse_modbus_url(config.url)
     except ValueError as err:
         raise LinkError(f"chamber: {err}") from None
     if end.transport == "rtu":

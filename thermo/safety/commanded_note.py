@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from drivers.station import ChamberConfig
+from errormodel.io.atomic import replace_file
 from thermo.safety.chamber_lock import lock_names
 
 
@@ -29,7 +30,7 @@ def state_folder() -> Path:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Commanded:
-    """What a test notes before its first command and takes back when the chamber is safe."""
+    """Note that a test writes before its first command and takes back when the chamber is safe."""
 
     chamber_url: str
     test_id: str
@@ -58,9 +59,7 @@ def note_commanded(config: ChamberConfig, note: Commanded) -> None:
             "result_path": None if note.result_path is None else str(note.result_path),
         }
     )
-    draft = path.with_name(f"{path.name}.{os.getpid()}.tmp")
-    draft.write_text(text + "\n", encoding="utf-8")
-    draft.replace(path)
+    replace_file(path, (text + "\n").encode())
 
 
 def read_commanded(config: ChamberConfig) -> Commanded | None:

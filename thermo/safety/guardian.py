@@ -56,7 +56,7 @@ DEAF_TO = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Charge:
-    """What a guardian watches over; the first message it is given, as JSON.
+    """Charge of a guardian: the first message it is given, as JSON.
 
     Attributes
     ----------
@@ -106,7 +106,7 @@ class Charge:
         )
 
 
-class Watch:
+class GuardianWatch:
     """The guardian at work: one controller, one chamber, one file.
 
     Parameters
@@ -312,7 +312,7 @@ def main() -> int:
     if not message:
         return 0  # the controller went before it had begun anything
     try:
-        watch = Watch(Charge.parse(message), channel, parent)
+        watch = GuardianWatch(Charge.parse(message), channel, parent)
     except (OSError, ValueError) as err:
         with contextlib.suppress(OSError):
             channel.send(CANNOT + b" " + str(err).encode())

@@ -10,7 +10,6 @@ import sys
 import time
 from dataclasses import replace
 from pathlib import Path
-from types import TracebackType
 
 from drivers.errors import LinkError
 from thermo.safety import guardian
@@ -128,7 +127,7 @@ class Guardian:
 
     @property
     def trouble(self) -> str:
-        """What is wrong with it as far as has been heard; empty when nothing is."""
+        """Trouble with it as far as has been heard; empty when there is none."""
         now_s = time.monotonic()
         if self.gone:
             return f"the guardian, process {self.pid}, is gone" + (
@@ -183,12 +182,7 @@ class Guardian:
     def __enter__(self) -> "Guardian":
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        value: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         if self._process.returncode is None:
             self.leave_to_it()
 

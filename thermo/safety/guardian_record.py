@@ -1,4 +1,4 @@
-"""What a guardian tells in its file.
+"""File in which a guardian tells what it does.
 
 A record is made at its full size before the chamber is commanded and written in place afterwards,
 two slots in turn, each with a checksum: a full disk loses no word of it, and a write that is torn
@@ -107,7 +107,7 @@ class GuardianRecord:
 
     @property
     def needs_help(self) -> bool:
-        """Whether somebody should go and see to the chamber."""
+        """True when somebody should go and see to the chamber."""
         return not self.verified and not (self.phase == "watching" and self.alive)
 
 

@@ -1,4 +1,4 @@
-"""Where guardians leave their results, and how these come into the store."""
+"""Results of guardians: their files, and their way into the store."""
 
 import contextlib
 from pathlib import Path

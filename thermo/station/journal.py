@@ -1,34 +1,16 @@
-"""What a test writes down: first the store, then the observers, in that order always."""
+"""Journal of a test: first into the store, then to the observers, in that order always."""
 
-import json
 import logging
 import os
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from drivers.clock import Clock
 from thermo.station.outcome import Event, Observers, Progress
-from thermo.store.store import ReadingRow, Store
+from thermo.store.records import ReadingRow, ScheduleMark
+from thermo.store.store import Store
 
 log = logging.getLogger(__name__)
-
-SCHEDULE = "schedule"  # the kind of the events that `thermo.station.resume_point` goes by
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ScheduleMark:
-    """Where a run's schedule stands on its clock; written whenever that changes.
-
-    A plan's time p is due at ``start_clock_s + shift_s + p`` on the clock `clock`; `segment` and
-    `attempt` are what is to be read next.
-    """
-
-    start_clock_s: float
-    shift_s: float
-    segment: int
-    attempt: int
-    clock: str
 
 
 def clock_identity(clock: Clock) -> str:
@@ -91,4 +73,5 @@ class Journal:
             attempt=attempt,
             clock=clock_identity(self._clock),
         )
-        self.event(SCHEDULE, json.dumps(asdict(mark)))
+        log.info("schedule: %s", mark)
+        self.store.mark_schedule(self.test_id, self.run, mark)

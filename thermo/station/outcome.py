@@ -1,4 +1,4 @@
-"""What a chamber test tells its observers, is told by its operator, and comes to.
+"""Events, operator commands and outcome of a chamber test.
 
 ::
 
@@ -82,7 +82,7 @@ class Event:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Progress:
-    """Where the test is. `left_s` is the expected rest of the whole test."""
+    """Progress of the test; `left_s` is the expected rest of the whole test."""
 
     test_id: str
     run: int
@@ -99,7 +99,7 @@ class Progress:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Decision:
-    """Whether a test goes on after a run; `lines` are stored as events of the kind `kind`.
+    """Decision on a test after a run; `lines` are stored as events of the kind `kind`.
 
     `reason` is that of the test's end, should it end here.
     """
@@ -139,7 +139,7 @@ class CanBeLost(Protocol):
 
     @property
     def lost(self) -> str:
-        """Why nothing is shown any more; empty as long as it is."""
+        """Reason why nothing is shown any more; empty as long as something is."""
         ...
 
 
@@ -194,7 +194,7 @@ class RunControl:
 
     @property
     def paused(self) -> bool:
-        """Whether the test is to stand still."""
+        """True when the test is to stand still."""
         return self._paused.is_set()
 
     def check(self) -> None:
@@ -205,7 +205,7 @@ class RunControl:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TestOutcome:
-    """What a test came to.
+    """Outcome of a test.
 
     Attributes
     ----------
@@ -243,6 +243,6 @@ class TestOutcome:
 
     @property
     def clean(self) -> bool:
-        """Whether the test ran to its end without complaint and all was left safe, as verified."""
+        """True when the test ran to its end without complaint and all was verified to be safe."""
         done = self.status == "finished" and not self.complaints
         return done and self.safe.verified and self.head_stopped

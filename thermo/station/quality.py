@@ -1,4 +1,4 @@
-"""What a running test's readings say about the instruments that made them.
+"""Checks on a running test's readings that show faults of its instruments.
 
 A head that does not turn, a meter that repeats itself and readings that are missing or flagged do
 not end a test: they are told at once, and again at its end.

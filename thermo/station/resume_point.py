@@ -1,6 +1,5 @@
-"""Where an interrupted test has to go on, read from its store and nothing else."""
+"""Point at which an interrupted test goes on, from its store alone."""
 
-import json
 from collections.abc import Sequence as Many
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -9,7 +8,8 @@ from drivers.clock import Clock
 from drivers.opening import Station
 from errormodel.errors import StoreError
 from thermo.planning.plan import Plan
-from thermo.station.journal import SCHEDULE, ScheduleMark, clock_identity
+from thermo.station.journal import clock_identity
+from thermo.store.records import ScheduleMark
 from thermo.store.store import Store
 
 # the kinds of events that tell of a chamber being commanded, and of its being safe
@@ -77,7 +77,7 @@ def find_resume_point(store: Store, test_id: str, plan: Plan, clock: Clock) -> R
 
 def _within_run(store: Store, test_id: str, plan: Plan, clock: Clock, number: int) -> ResumePoint:
     last = store.last_reading(test_id, number)
-    mark = _last_mark(store, test_id, number)
+    mark = store.last_schedule_mark(test_id, number)
     if mark is None:  # interrupted between its beginning and its first event
         return ResumePoint(run=number, start_s=clock.now_s())
     record = next(run for run in store.test(test_id).runs if run.number == number)
@@ -98,11 +98,6 @@ def _within_run(store: Store, test_id: str, plan: Plan, clock: Clock, number: in
         mid_segment=mid_segment,
         last_time_s=last_s,
     )
-
-
-def _last_mark(store: Store, test_id: str, number: int) -> ScheduleMark | None:
-    marks = [e for e in store.events(test_id) if e.kind == SCHEDULE and e.run == number]
-    return ScheduleMark(**json.loads(marks[-1].text)) if marks else None
 
 
 def _start_s(plan: Plan, clock: Clock, mark: ScheduleMark, start_utc: str, last_s: float) -> float:

@@ -8,10 +8,11 @@ from thermo.planning.legs import Leg, commanded_c, leg_at
 from thermo.planning.plan import RunPlan
 from thermo.planning.schedule import Schedule
 from thermo.station.outcome import InterferedError, ThermistorLostError
-from thermo.station.quality import OFF_POSITION_DEG, Quality
+from thermo.station.quality import Quality
 from thermo.station.reading import inputs_of, make_rows
 from thermo.station.resume_point import ResumePoint
 from thermo.station.session import CHECK_S, Session
+from thermo.station.steering import ChamberProgramme, Head
 from thermo.store.records import ReadingRow
 
 LOOK_S = 2.0  # no look at the chamber is begun this shortly before something is due
@@ -34,11 +35,9 @@ class Run:
         self._slot = point.slot
         self._segment = point.segment
         self._attempt = point.attempt
-        self._next_leg = point.segment
-        self._head_deg: float | None = None  # where the head was last sent
+        self._chamber = ChamberProgramme(session, point.segment)
+        self._head = Head(session)
         self._gap = False  # the next reading is the first after a gap
-        self._rejoining = False  # the chamber is on its way back to the programme
-        self._turned = False  # the head was sent somewhere since the last reading
         accelerometers = session.plan.sequence.accelerometers
         self._quality = Quality(
             serials=tuple(a.serial for a in accelerometers),
@@ -96,7 +95,7 @@ class Run:
                 elif self._wait_for_slot():
                     self._take_slot()
             except InterferedError as err:
-                self._rejoining = True
+                self._chamber.returning = True
                 self._after_pause(err.began_s)
 
     def _mark(self) -> None:
@@ -114,11 +113,10 @@ class Run:
             due_s = schedule.start_s + leg.start_s
             if not self._sleep_until(due_s, unless_paused=True):
                 return False
-            if not self._start_leg():
+            if not self._chamber.start_leg(self._commanded_c()):
                 break
         self._move_head()
-        settle_s = self._plan.sequence.sampling.settle_s if self._turned else 0.0
-        if not self._sleep_until(deadline_s - settle_s, unless_paused=True):
+        if not self._sleep_until(deadline_s - self._head.settle_s, unless_paused=True):
             return False
         return not self._missed()
 
@@ -137,7 +135,7 @@ class Run:
         first = self._schedule().first_open(self._slot, session.clock.now_s())
         if first == self._slot:
             return False
-        if first < self._plan.slots and self._run.position_deg[first] != self._head_deg:
+        if first < self._plan.slots and self._run.position_deg[first] != self._head.sent_deg:
             first += 1
         first = min(first, self._plan.slots)
         self._skip(first - self._slot)
@@ -168,23 +166,22 @@ class Run:
         if self._slot < self._plan.slots:
             self._move_head()
             if self._leg_due_by(self._schedule().deadline_s(slot)) is not None:
-                self._start_leg()
+                self._chamber.start_leg(self._commanded_c())
         session.show("run", self._commanded_c(), self._left_s(), slot + 1, segment)
 
     def _settle(self) -> list[str]:
         """Wait until the head has stood for the settling time; say what is wrong with the slot."""
-        flags = ["gap"] if self._gap or self._rejoining else []
+        flags = ["gap"] if self._gap or self._chamber.returning else []
         session, deadline_s = self._session, self._schedule().deadline_s(self._slot)
         moving = False
-        if self._turned:
-            settled_s = session.clock.now_s() + self._plan.sequence.sampling.settle_s
-            moving = session.ask("head", session.station.head.is_moving) is not False
+        if self._head.turned:
+            settled_s = session.clock.now_s() + self._head.settle_s
+            moving = self._head.is_moving()
             deadline_s = deadline_s if moving else max(deadline_s, settled_s)
-            self._turned = moving
+            self._head.turned = moving
         self._sleep_until(deadline_s)
         if moving:  # it was when the settling time began
-            still = session.ask("head", session.station.head.is_moving) is not False
-            flags.append("moving" if still else "unsettled")
+            flags.append("moving" if self._head.is_moving() else "unsettled")
         return flags
 
     def _store(
@@ -195,13 +192,9 @@ class Run:
         position_deg: float,
         flags: list[str],
     ) -> None:
-        if self._head_deg is not None:
-            self._alarm(self._quality.see_head(position_deg, self._head_deg))
-            if abs(position_deg - self._head_deg) > OFF_POSITION_DEG:
-                self._session.journal.event(
-                    "position", f"head at {position_deg:.3f}°, sent to {self._head_deg:.3f}°"
-                )
-                self._head_deg = None
+        if self._head.sent_deg is not None:
+            self._alarm(self._quality.see_head(position_deg, self._head.sent_deg))
+            self._head.check(position_deg)
         rows = make_rows(
             scan,
             self._inputs,
@@ -255,52 +248,12 @@ class Run:
     # ---- chamber and head ----
 
     def _leg_due_by(self, deadline_s: float) -> Leg | None:
-        """Return the last leg not yet started that begins by a moment of the clock."""
-        start_s = self._session.journal.start_s + self._shift_s
-        due = [
-            leg
-            for leg in self._plan.legs[self._next_leg : self._next_leg + 2]
-            if start_s + leg.start_s <= deadline_s
-        ]
-        return due[0] if due else None
-
-    def _start_leg(self) -> bool:
-        """Command the leg that is due; after a gap, bring the chamber back to the programme first.
-
-        False: it has not begun yet and is to be tried again after the next slot.
-        """
-        session, chamber = self._session, self._session.station.chamber
-        leg = self._plan.legs[self._next_leg]
-        if self._rejoining and not self._rejoined():
-            session.tell_chamber(partial(chamber.hold_temp_c, self._commanded_c()))
-            return False
-        if leg.is_ramp:
-            done = session.tell_chamber(
-                partial(chamber.ramp_to_c, leg.end_c, abs(leg.rate_c_per_min))
-            )
-        else:
-            done = session.tell_chamber(partial(chamber.hold_temp_c, leg.end_c))
-        if done:
-            self._rejoining = False
-            self._next_leg += 1
-            session.journal.event("segment", _leg_text(leg))
-            session.watch.expect(session.clock.now_s(), leg.step_c)
-        return done
-
-    def _rejoined(self) -> bool:
-        here_c = self._session.chamber_c
-        tolerance_c = max(1.0, self._plan.sequence.temperature.start_tolerance_c)
-        return here_c is not None and abs(here_c - self._commanded_c()) <= tolerance_c
+        """Return the next leg to be commanded if it begins by a moment of the clock."""
+        return self._chamber.leg_due_by(deadline_s, self._schedule().start_s)
 
     def _move_head(self) -> None:
-        """Send the head to the next slot's position, unless it was sent there already."""
-        target_deg = float(self._run.position_deg[self._slot])
-        if self._head_deg == target_deg:
-            return
-        head = self._session.station.head
-        if self._session.tell_head(partial(head.move_to_deg, target_deg)):
-            self._head_deg = target_deg
-            self._turned = True
+        """Send the head to the next slot's position."""
+        self._head.send(float(self._run.position_deg[self._slot]))
 
     # ---- gaps ----
 
@@ -317,7 +270,7 @@ class Run:
                 session.look_at_chamber(temp_c)
                 session.show("pause", temp_c, self._left_s(), self._slot, self._segment)
         except InterferedError:
-            self._rejoining = True
+            self._chamber.returning = True
         self._after_pause(began_s)
 
     def _after_pause(self, began_s: float) -> None:
@@ -337,7 +290,7 @@ class Run:
 
     def _accept_late(self) -> None:
         """Go on at the present time of the programme, with the chamber on its way back to it."""
-        self._gap = self._rejoining = True
+        self._gap = self._chamber.returning = True
         first = self._schedule().first_open(self._slot, self._session.clock.now_s())
         first = min(max(first + 1, self._slot), self._plan.slots)
         self._skip(first - self._slot)
@@ -351,12 +304,12 @@ class Run:
         """Command again the leg that the present belongs to."""
         self._mark()
         now_s = self._session.clock.now_s()
-        self._next_leg = int(leg_at(self._plan.legs, self._now_s() - self._shift_s))
+        self._chamber.next_leg = int(leg_at(self._plan.legs, self._now_s() - self._shift_s))
         here_c = self._session.ask("chamber", self._session.station.chamber.read_temp_c)
         self._session.chamber_c = here_c
         commanded_c = self._commanded_c()
         self._session.watch.expect(now_s, (commanded_c if here_c is None else here_c) - commanded_c)
-        self._start_leg()
+        self._chamber.start_leg(self._commanded_c())
 
     def _resoak(self) -> None:
         """Void the segment's readings, go back to where it starts, and begin it again."""
@@ -373,18 +326,12 @@ class Run:
             f"segment {segment} from {leg.start_c:g} °C again, attempt {self._attempt}, after "
             f"{resoak_min:g} min there",
         )
-        self._rejoining = False
+        self._chamber.returning = False
         self._move_head()
         left_s = self._plan.run_s - leg.start_s + self._rest_s
         session.go_to(leg.start_c, "resoak", left_s, stay_s=60 * resoak_min)
         # the head is given its settling time before the first slot as before any other
         settle_s = self._plan.sequence.sampling.settle_s
         self._shift_s = self._now_s() + settle_s - leg.start_s
-        self._next_leg = segment
+        self._chamber.next_leg = segment
         self._mark()
-
-
-def _leg_text(leg: Leg) -> str:
-    if leg.is_ramp:
-        return f"{leg.index}: ramp to {leg.end_c:g} °C at {abs(leg.rate_c_per_min):g} °C/min"
-    return f"{leg.index}: hold {leg.end_c:g} °C for {(leg.end_s - leg.start_s) / 60:g} min"

@@ -19,7 +19,7 @@ MIN_ATTEMPTS = 4  # also where the clock runs so fast that RETRY_S is nothing
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CleanUp:
-    """What became of the clean-up."""
+    """Result of the clean-up."""
 
     chamber: SafeResult
     head_stopped: bool

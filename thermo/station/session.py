@@ -18,7 +18,7 @@ from thermo.station.outcome import (
     Progress,
     RunControl,
 )
-from thermo.station.watch import FailureBudget, Watch
+from thermo.station.watch import FailureBudget, LimitWatch
 
 log = logging.getLogger(__name__)
 
@@ -61,7 +61,7 @@ class Session:
         self.journal = journal
         self.control = control
         self._heartbeat = heartbeat
-        self.watch = Watch(plan)
+        self.watch = LimitWatch(plan)
         self.commanded = self.head_commanded = False
         self.chamber_c: float | None = None
         self.foreign = False

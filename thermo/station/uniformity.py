@@ -1,4 +1,4 @@
-"""Whether a ramp was uniform, seen from the accelerometer, and whether it was the SINS's own."""
+"""Uniformity of ramps at the accelerometer, and their likeness to the SINS's own heating."""
 
 from collections.abc import Sequence as Many
 from dataclasses import dataclass, replace

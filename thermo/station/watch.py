@@ -53,7 +53,7 @@ class FailureBudget:
 
 
 @dataclass(slots=True)
-class Watch:
+class LimitWatch:
     """Holds readings against the sequence's limits; every check raises `LimitTrippedError`.
 
     Deviation and a stuck reading are judged against the programme, so `expect` has to be told

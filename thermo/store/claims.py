@@ -1,4 +1,4 @@
-"""Who runs a test: one process at a time, and a dead one lets go by itself.
+"""Claims on tests: one process at a time runs a test, and a dead one lets go by itself.
 
 The claim is a lock that the operating system (SQLite: a locked file beside the database) or the
 server (PostgreSQL: an advisory lock of an open session) drops when its owner is gone, however it
@@ -7,18 +7,21 @@ went. So there is no lease to wait out and no stale mark to clear by hand.
 
 import fcntl
 import hashlib
+import logging
 import os
 import socket
+import threading
 import time
 from pathlib import Path
-from types import TracebackType
 from typing import Protocol
 
 import sqlalchemy as sa
 from sqlalchemy.exc import SQLAlchemyError
 
 from errormodel.errors import StoreError
-from thermo.store.database import session_engine, told_as_store_error
+from thermo.store.database import session_engine, store_errors
+
+log = logging.getLogger(__name__)
 
 PATIENCE_S = 2.0  # the server takes a moment to see that a client has died
 
@@ -85,7 +88,7 @@ class ServerClaim:
         digest = hashlib.sha256(b"accelbench claim " + test_id.encode()).digest()
         key = int.from_bytes(digest[:8], "big", signed=True)
         deadline_s = time.monotonic() + patience_s
-        with told_as_store_error(f"test {test_id}"):
+        with store_errors(f"test {test_id}"):
             connection = session_engine(url).connect()
             connection = connection.execution_options(isolation_level="AUTOCOMMIT")
             try:
@@ -125,6 +128,92 @@ _OWNER = sa.text(
 )
 
 
+class Claims:
+    """The claims that one open store has on its tests; safe to use from several threads.
+
+    Parameters
+    ----------
+    url : sa.URL
+        Of the store.
+    """
+
+    def __init__(self, url: sa.URL) -> None:
+        self._url = url
+        self._held: dict[str, Claim] = {}
+        self._lock = threading.RLock()
+
+    @property
+    def tests(self) -> tuple[str, ...]:
+        """The tests claimed, the oldest claim first."""
+        with self._lock:
+            return tuple(self._held)
+
+    def take(self, test_id: str) -> None:
+        """Take the claim on a test unless it is held already.
+
+        Raises
+        ------
+        StoreError
+            Naming the process that holds it.
+        """
+        with self._lock:
+            if test_id not in self._held:
+                self._held[test_id] = self._claim(test_id, PATIENCE_S)
+
+    def renew(self) -> None:
+        """Take again what was lost with a broken session; a test that somebody took is told of."""
+        with self._lock:
+            for test_id, claim in self._held.items():
+                if claim.is_lost():
+                    claim.release()
+                    try:
+                        self._held[test_id] = self._claim(test_id, PATIENCE_S)
+                    except StoreError as err:
+                        log.error("the claim was lost with the server's session: %s", err)
+
+    def move_to(self, url: sa.URL) -> None:
+        """Hold the same claims on the tests of another store, from now on the one that is open.
+
+        Raises
+        ------
+        StoreError
+            If one is held by another process.
+        """
+        with self._lock:
+            self._url = url
+            for test_id, claim in self._held.items():
+                claim.release()
+                self._held[test_id] = self._claim(test_id, PATIENCE_S)
+
+    def is_taken(self, test_id: str) -> bool:
+        """Tell whether some process, this one among them, holds the claim on a test."""
+        with self._lock:
+            if test_id in self._held:
+                return True
+            try:
+                self._claim(test_id, 0.0).release()
+            except StoreError:
+                return True
+        return False
+
+    def release(self, test_id: str) -> None:
+        """Let go; harmless when there is none."""
+        with self._lock:
+            claim = self._held.pop(test_id, None)
+        if claim is not None:
+            claim.release()
+
+    def release_all(self) -> None:
+        """Let go of every test."""
+        for test_id in self.tests:
+            self.release(test_id)
+
+    def _claim(self, test_id: str, patience_s: float) -> Claim:
+        if self._url.get_backend_name() == "sqlite":
+            return FileClaim(Path(str(self._url.database)), test_id)
+        return ServerClaim(self._url, test_id, patience_s)
+
+
 class HeldClaim:
     """A claim as a store hands it out: a context manager that lets go at its end."""
 
@@ -139,12 +228,7 @@ class HeldClaim:
     def __enter__(self) -> "HeldClaim":
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.release()
 
 

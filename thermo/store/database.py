@@ -21,6 +21,7 @@ from sqlalchemy.exc import ArgumentError, DataError, DBAPIError, IntegrityError,
 
 from errormodel.errors import StoreError
 from thermo.store import schema
+from thermo.store.migration import OLDEST, migrate
 from thermo.store.sqlite import look_before_opening, sqlite_engine
 
 log = logging.getLogger(__name__)
@@ -59,7 +60,7 @@ def utc_now() -> str:
     return datetime.now(UTC).isoformat(timespec="microseconds")
 
 
-def one_line(err: BaseException) -> str:
+def driver_message(err: BaseException) -> str:
     """Return the first line of what a driver said, without any password."""
     cause = err.orig if isinstance(err, DBAPIError) and err.orig is not None else err
     line = (str(cause).strip().splitlines() or [type(cause).__name__])[0]
@@ -69,7 +70,7 @@ def one_line(err: BaseException) -> str:
 
 
 @contextmanager
-def told_as_store_error(where: str) -> Generator[None]:
+def store_errors(where: str) -> Generator[None]:
     """Turn what the database says into a `StoreError` of one line.
 
     Refused values are one; everything else a database can say means that it is away.
@@ -77,12 +78,12 @@ def told_as_store_error(where: str) -> Generator[None]:
     try:
         yield
     except (IntegrityError, DataError, OverflowError, sqlite3.IntegrityError) as err:
-        raise StoreError(f"{where}: {one_line(err)}") from err
+        raise StoreError(f"{where}: {driver_message(err)}") from err
     except (SQLAlchemyError, sqlite3.Error) as err:
-        raise StoreAwayError(f"{where}: {one_line(err)}") from err
+        raise StoreAwayError(f"{where}: {driver_message(err)}") from err
 
 
-def parse_url(url: str | Path) -> sa.URL:
+def parse_store_url(url: str | Path) -> sa.URL:
     """Turn a bare path, ``sqlite:///path`` or ``postgresql://…`` into a URL.
 
     Raises
@@ -129,12 +130,12 @@ def _secrets_of(url: sa.URL) -> set[str]:
     return hidden - {""}
 
 
-def shown(url: sa.URL | str | Path) -> str:
+def display_url(url: sa.URL | str | Path) -> str:
     """Return a store for messages: the file, or the URL without password or other secrets."""
     if not isinstance(url, sa.URL):
         if "://" not in str(url):
             return str(url)
-        url = parse_url(url)
+        url = parse_store_url(url)
     if url.get_backend_name() == "sqlite":
         return str(url.database)
     query = {name: value if name in _SHOWN else _MASK for name, value in url.query.items()}
@@ -156,7 +157,7 @@ def open_engine(url: sa.URL, *, existing: bool = False) -> sa.Engine:
     StoreError
         If it cannot be reached, is damaged, is not a store, or is newer than this program.
     """
-    where = shown(url)
+    where = display_url(url)
     if url.get_backend_name() == "sqlite":
         path = Path(str(url.database))
         look_before_opening(path, existing=existing)
@@ -166,7 +167,7 @@ def open_engine(url: sa.URL, *, existing: bool = False) -> sa.Engine:
     else:
         engine = _postgres_engine(url)
     try:
-        with told_as_store_error(where):
+        with store_errors(where):
             _make_or_check_tables(engine, where)
     except BaseException:
         engine.dispose()
@@ -177,7 +178,7 @@ def open_engine(url: sa.URL, *, existing: bool = False) -> sa.Engine:
 def _make_tables_in_file(url: sa.URL, where: str) -> None:
     engine = sqlite_engine(url, write_ahead=False)
     try:
-        with told_as_store_error(where):
+        with store_errors(where):
             _make_or_check_tables(engine, where)
     finally:
         engine.dispose()
@@ -201,7 +202,9 @@ def _postgres_engine(url: sa.URL, **options: Any) -> sa.Engine:
             },
         )
     except ImportError:
-        raise StoreError(f"{shown(url)}: needs psycopg: install accelbench[postgres]") from None
+        raise StoreError(
+            f"{display_url(url)}: needs psycopg: install accelbench[postgres]"
+        ) from None
 
     def on_connect(db: Any, _: Any) -> None:
         with db.cursor() as cursor:
@@ -221,14 +224,18 @@ def _make_or_check_tables(engine: sa.Engine, where: str) -> None:
         names = set(sa.inspect(connection).get_table_names())
         if schema.schema_version.name in names:
             version = connection.execute(sa.select(schema.schema_version.c.version)).scalar()
-            if version != schema.SCHEMA_VERSION:
+            if not isinstance(version, int) or not OLDEST <= version <= schema.SCHEMA_VERSION:
                 raise StoreError(
                     f"{where}: schema version {version}, expected {schema.SCHEMA_VERSION}: "
                     "made by another version of this program; nothing was changed"
                 )
             missing = set(schema.metadata.tables) - names - {schema.signals.name}
+            if version < schema.SCHEMA_VERSION:
+                missing.discard(schema.schedule_marks.name)
             if missing:
                 raise StoreError(f"{where}: damaged: no table {min(missing)}; nothing was changed")
+            if version < schema.SCHEMA_VERSION:
+                migrate(connection, version)
             return
         schema.metadata.create_all(connection)
         connection.execute(

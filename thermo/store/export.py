@@ -94,7 +94,7 @@ def _positioned(counts: pd.Series) -> list[tuple[int, str]]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExportedMeaning:
-    """What makes a test's readings recorded runs, whether they come whole or in pieces.
+    """Meaning of a test's readings as recorded runs, whether they come whole or in pieces.
 
     Attributes
     ----------

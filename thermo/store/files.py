@@ -12,9 +12,10 @@ from thermo.recording.files import RecordedRuns, join_runs
 from thermo.recording.output_scale import OutputScale, OutputUnit
 from thermo.recording.readings_check import flag_readings
 from thermo.recording.summary import RecordingSummary
-from thermo.store.database import parse_url
+from thermo.store.database import parse_store_url
+from thermo.store.export import export_test
 from thermo.store.spool.recover import copies, recover
-from thermo.store.store import Store, export_test, open_store
+from thermo.store.store import Store, open_store
 from thermo.store.stream import export_in_pieces
 
 log = logging.getLogger(__name__)
@@ -49,7 +50,7 @@ def open_existing_store(url: str | Path) -> Store:
     StoreError
         If it cannot be opened.
     """
-    parsed = parse_url(url)
+    parsed = parse_store_url(url)
     if parsed.get_backend_name() == "sqlite":
         path = Path(str(parsed.database))
         if not path.is_file():

@@ -9,11 +9,13 @@ import pandas as pd
 import sqlalchemy as sa
 
 from errormodel.errors import StoreError
+from thermo.store.migration import MARK_KIND, mark_of_event
 from thermo.store.records import (
     QUANTITIES,
     EventRecord,
     ReadingRow,
     RunRecord,
+    ScheduleMark,
     TestRecord,
     TestSummary,
     signal_values,
@@ -21,6 +23,7 @@ from thermo.store.records import (
 from thermo.store.schema import events as event_table
 from thermo.store.schema import readings as reading_table
 from thermo.store.schema import runs as run_table
+from thermo.store.schema import schedule_marks as mark_table
 from thermo.store.schema import signals as signal_table
 from thermo.store.schema import tests as test_table
 from thermo.store.schema import voided as voided_table
@@ -33,7 +36,7 @@ ROW = ("serial", "slot", "attempt", "segment", *QUANTITIES, "flag")
 
 
 class ReadingCount(NamedTuple):
-    """How many readings an accelerometer has in a run, and how many with these quantities."""
+    """Number of readings of an accelerometer in a run, and of those with these quantities."""
 
     run: int
     serial: str
@@ -75,37 +78,9 @@ def run_status(connection: sa.Connection, test_id: str, number: int) -> str | No
     ).scalar()
 
 
-def set_run_status(connection: sa.Connection, test_id: str, number: int, status: str) -> None:
-    """Change a run's status."""
-    connection.execute(
-        sa.update(run_table)
-        .where(run_table.c.test_id == test_id, run_table.c.number == int(number))
-        .values(status=status)
-    )
-
-
-def end_open_runs(connection: sa.Connection, test_id: str, status: str) -> None:
-    """Give the runs of a test that are still running the status it ended with."""
-    connection.execute(
-        sa.update(run_table)
-        .where(run_table.c.test_id == test_id, run_table.c.status == "running")
-        .values(status=status)
-    )
-
-
-def lock_test(connection: sa.Connection, test_id: str) -> None:
-    """Keep others from adding to a test until the transaction ends (SQLite has one writer anyway).
-
-    Rows that refer to a test share-lock it, so this also waits for those that are on their way.
-    """
-    connection.execute(
-        sa.select(test_table.c.id).where(test_table.c.id == test_id).with_for_update()
-    )
-
-
-def has_event(connection: sa.Connection, values: Mapping[str, Any]) -> bool:
-    """Tell whether an event of these values is there."""
-    same = [event_table.c[name].is_not_distinct_from(value) for name, value in values.items()]
+def has_row(connection: sa.Connection, table: sa.Table, values: Mapping[str, Any]) -> bool:
+    """Tell whether a row of these values is in a table."""
+    same = [table.c[name].is_not_distinct_from(value) for name, value in values.items()]
     return connection.execute(sa.select(sa.literal(1)).where(*same)).first() is not None
 
 
@@ -262,6 +237,35 @@ def events(connection: sa.Connection, test_id: str) -> tuple[EventRecord, ...]:
         .order_by(e.id)
     )
     return tuple(EventRecord(**row) for row in found.mappings())  # type: ignore[arg-type]
+
+
+def last_schedule_mark(connection: sa.Connection, test_id: str, run: int) -> ScheduleMark | None:
+    """Return a run's newest mark, from its table or from an event of the tables' version 1."""
+    m, e = mark_table.c, event_table.c
+    newest = connection.execute(
+        sa.select(m.start_clock_s, m.shift_s, m.segment, m.attempt, m.clock, m.logged_utc)
+        .where(m.test_id == test_id, m.run == int(run))
+        .order_by(m.id.desc())
+        .limit(1)
+    ).first()
+    event = connection.execute(
+        sa.select(e.text, e.logged_utc)
+        .where(e.test_id == test_id, e.run == int(run), e.kind == MARK_KIND)
+        .order_by(e.id.desc())
+        .limit(1)
+    ).first()
+    # an earlier program may still have run the test when its store got the table
+    if event is not None and (newest is None or event.logged_utc > newest.logged_utc):
+        return mark_of_event(event.text, test_id)
+    if newest is None:
+        return None
+    return ScheduleMark(
+        start_clock_s=newest.start_clock_s,
+        shift_s=newest.shift_s,
+        segment=newest.segment,
+        attempt=newest.attempt,
+        clock=newest.clock,
+    )
 
 
 def last_reading(connection: sa.Connection, test_id: str, run: int) -> ReadingRow | None:

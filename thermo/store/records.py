@@ -1,4 +1,4 @@
-"""What goes into the store and comes out of it: plain, frozen records."""
+"""Records that go into the store and come out of it, plain and frozen."""
 
 import json
 import math
@@ -71,6 +71,21 @@ class EventRecord:
     kind: str
     text: str
     logged_utc: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ScheduleMark:
+    """State of a run's schedule on its clock, for a resumption; stored whenever it changes.
+
+    A plan's time p is due at ``start_clock_s + shift_s + p`` on the clock `clock`; `segment` and
+    `attempt` are what is to be read next.
+    """
+
+    start_clock_s: float
+    shift_s: float
+    segment: int
+    attempt: int
+    clock: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,9 +1,12 @@
-"""The tables. Readings and what voids them are only ever added, and the database itself says so."""
+"""The tables. What is only ever added (`_ADD_ONLY`) the database itself refuses to change.
+
+Version 2 added `schedule_marks`; before it they were events, see `thermo.store.migration`.
+"""
 
 import sqlalchemy as sa
 from sqlalchemy import event
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 
 metadata = sa.MetaData()
 
@@ -98,7 +101,23 @@ events = sa.Table(
     sa.Column("logged_utc", sa.String, nullable=False),
 )
 
-_ADD_ONLY = ("readings", "signals", "voided", "events")
+schedule_marks = sa.Table(
+    "schedule_marks",
+    metadata,
+    sa.Column("id", sa.Integer, primary_key=True),
+    sa.Column("test_id", sa.String, nullable=False),
+    sa.Column("run", sa.Integer, nullable=False),
+    sa.Column("start_clock_s", sa.Double, nullable=False),
+    sa.Column("shift_s", sa.Double, nullable=False),
+    sa.Column("segment", sa.Integer, nullable=False),
+    sa.Column("attempt", sa.Integer, nullable=False),
+    sa.Column("clock", sa.String, nullable=False),
+    sa.Column("logged_utc", sa.String, nullable=False),
+    sa.ForeignKeyConstraint(["test_id", "run"], ["runs.test_id", "runs.number"]),
+    sa.Index("schedule_marks_of_run", "test_id", "run"),
+)
+
+_ADD_ONLY = ("readings", "signals", "voided", "events", "schedule_marks")
 
 
 def _guard(table: sa.Table) -> None:

@@ -25,7 +25,7 @@ MAGIC = b"SQLite format 3\0"
 Identity = tuple[tuple[int, int] | None, tuple[int, int] | None]
 
 
-def beside(path: Path, suffix: str) -> Path:
+def companion_path(path: Path, suffix: str) -> Path:
     """Return the file that belongs to a database, ``night.sqlite-wal``."""
     return path.with_name(path.name + suffix)
 
@@ -80,7 +80,7 @@ def look_before_opening(path: Path, *, existing: bool) -> None:
 @contextmanager
 def _looking(path: Path) -> Generator[sqlite3.Connection]:
     # a creation that was killed is undone first, and that is a writing
-    mode = "rw" if beside(path, "-journal").exists() else "ro"
+    mode = "rw" if companion_path(path, "-journal").exists() else "ro"
     url = f"{path.resolve().as_uri()}?mode={mode}"
     with closing(sqlite3.connect(url, uri=True, timeout=BUSY_TIMEOUT_S)) as db:
         yield db
@@ -192,7 +192,7 @@ def identity(path: Path) -> Identity:
     OSError
         If that cannot be told.
     """
-    return inode(path), inode(beside(path, "-wal"))
+    return inode(path), inode(companion_path(path, "-wal"))
 
 
 def inode(path: Path) -> tuple[int, int] | None:

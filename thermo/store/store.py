@@ -6,39 +6,31 @@ test writes through `thermo.store.spool.spooled_store`, which never waits for a 
 answer.
 """
 
-import logging
 import secrets
-import threading
-from collections.abc import Generator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
-import pandas as pd
 import sqlalchemy as sa
 from sqlalchemy.exc import IntegrityError
 
 from errormodel.errors import StoreError
-from thermo.store import queries, schema
-from thermo.store.claims import PATIENCE_S, Claim, FileClaim, HeldClaim, ServerClaim
+from thermo.store import changes, queries, schema
+from thermo.store.claims import Claims, HeldClaim
 from thermo.store.database import (
-    one_line,
+    driver_message,
     open_engine,
-    parse_url,
-    shown,
-    told_as_store_error,
+    parse_store_url,
+    store_errors,
     utc_now,
 )
-from thermo.store.export import export_test
+from thermo.store.reader import StoreReader
 from thermo.store.records import (
-    EventRecord,
     NewTest,
     ReadingRow,
-    RunRecord,
-    TestRecord,
-    TestSummary,
+    ScheduleMark,
     check_status,
     json_text,
     number_or_null,
@@ -46,21 +38,6 @@ from thermo.store.records import (
     reading_values,
 )
 from thermo.store.sqlite import checkpoint
-
-log = logging.getLogger(__name__)
-
-__all__ = [
-    "EventRecord",
-    "HeldClaim",
-    "NewTest",
-    "ReadingRow",
-    "RunRecord",
-    "Store",
-    "TestRecord",
-    "TestSummary",
-    "export_test",
-    "open_store",
-]
 
 
 def open_store(url: str | Path, *, existing: bool = False) -> "Store":
@@ -79,58 +56,31 @@ def open_store(url: str | Path, *, existing: bool = False) -> "Store":
         If it cannot be reached, is damaged, is no store, or was made by a newer program; then
         nothing was changed.
     """
-    parsed = parse_url(url)
+    parsed = parse_store_url(url)
     return Store(open_engine(parsed, existing=existing), parsed)
 
 
-class Store:
+class Store(StoreReader):
     """An open store; a context manager, and safe to use from several threads.
 
     Every method raises `StoreError` when the database refuses or cannot be reached.
     """
 
     def __init__(self, engine: sa.Engine, url: sa.URL) -> None:
-        self._turn_to(engine, url)
-        self._lock = threading.RLock()
-        self._claims: dict[str, Claim] = {}
+        super().__init__(engine, url)
+        self._claims = Claims(url)
         self._checked: set[tuple[str, int, int, int]] = set()
-
-    def _turn_to(self, engine: sa.Engine, url: sa.URL) -> None:
-        """Take this database for the store from now on."""
-        self._engine = engine
-        self._reader = engine.execution_options(reading=True)
-        self._url = url
-        self._where = shown(url)
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def close(self) -> None:
         """Let go of all claims and of the database; harmless when done twice."""
-        with self._lock:
-            for test_id in list(self._claims):
-                self._release(test_id)
+        self._claims.release_all()
         self._engine.dispose()
-
-    @property
-    def url(self) -> sa.URL:
-        """Where it is, with the password; `thermo.store.database.shown` is for messages."""
-        return self._url
-
-    @property
-    def path(self) -> Path | None:
-        """The SQLite file; None on a server."""
-        if self._engine.dialect.name == "postgresql":
-            return None
-        return Path(str(self._url.database))
 
     def checkpoint(self, tries: int = 1) -> bool:
         """Take an SQLite store's -wal into its file; True when the file alone holds everything.
@@ -139,7 +89,7 @@ class Store:
         """
         if self.path is None:
             return True
-        with told_as_store_error(self._where):
+        with store_errors(self._where):
             return checkpoint(self._engine, tries)
 
     def note(self) -> str:
@@ -172,7 +122,7 @@ class Store:
             "safe_result_json": "",
         }
         try:
-            with told_as_store_error(self._where), self._engine.begin() as connection:
+            with store_errors(self._where), self._engine.begin() as connection:
                 connection.execute(sa.insert(schema.tests), [values])
         except BaseException:
             self._release(test_id)
@@ -199,22 +149,15 @@ class Store:
             The same moment on the station's clock, s.
         """
         start = start_utc if isinstance(start_utc, str) else start_utc.isoformat()
-        with told_as_store_error(f"test {test_id}"), self._engine.begin() as connection:
-            status = queries.run_status(connection, test_id, number)
-            if status == "finished":
-                raise StoreError(f"test {test_id} run {number}: is finished")
-            if status is not None:
-                queries.set_run_status(connection, test_id, number, "running")
-                return
-            queries.need_test(connection, test_id)
-            values = {
-                "test_id": test_id,
-                "number": int(number),
-                "start_utc": start,
-                "start_clock_s": start_clock_s,
-                "status": "running",
-            }
-            connection.execute(sa.insert(schema.runs), [values])
+        values = {
+            "test_id": test_id,
+            "number": int(number),
+            "start_utc": start,
+            "start_clock_s": start_clock_s,
+            "status": "running",
+        }
+        with store_errors(f"test {test_id}"), self._engine.begin() as connection:
+            changes.begin_run(connection, values)
 
     def append(self, test_id: str, run: int, rows: Sequence[ReadingRow]) -> None:
         """Add the readings of one scan; when this returns they are on the disk.
@@ -231,7 +174,7 @@ class Store:
             return
         values = [reading_values(test_id, run, row) for row in rows]
         attempts = {(test_id, int(run), v["segment"], v["attempt"]) for v in values}
-        with told_as_store_error(f"test {test_id} run {run}"):
+        with store_errors(f"test {test_id} run {run}"):
             try:
                 with self._engine.begin() as connection:
                     for key in attempts - self._checked:
@@ -274,11 +217,30 @@ class Store:
             "text": plain_text(text),
             "logged_utc": logged_utc or utc_now(),
         }
-        with told_as_store_error(f"test {test_id}"), self._engine.begin() as connection:
-            # whoever else enters an event of this test, perhaps the same one, waits here
-            queries.lock_test(connection, test_id)
-            if not queries.has_event(connection, values):
-                connection.execute(sa.insert(schema.events), [values])
+        with store_errors(f"test {test_id}"), self._engine.begin() as connection:
+            changes.insert_once(connection, schema.events, values)
+
+    def mark_schedule(
+        self, test_id: str, run: int, mark: ScheduleMark, logged_utc: str | None = None
+    ) -> None:
+        """Enter where the schedule of a run stands, durably; a resumption goes by the last one.
+
+        Parameters
+        ----------
+        test_id : str
+        run : int
+        mark : ScheduleMark
+        logged_utc : str, optional
+            As for `log_event`; a mark that is there already is not entered again.
+        """
+        values = {
+            "test_id": test_id,
+            "run": int(run),
+            **asdict(mark),
+            "logged_utc": logged_utc or utc_now(),
+        }
+        with store_errors(f"test {test_id} run {run}"), self._engine.begin() as connection:
+            changes.insert_once(connection, schema.schedule_marks, values)
 
     def mark_attempt(
         self,
@@ -304,33 +266,18 @@ class Store:
         int
             The number of the next attempt.
         """
-        with told_as_store_error(f"test {test_id} run {run}"), self._engine.begin() as connection:
-            made = queries.attempts(connection, test_id, run, segment)
-            old = queries.voided_attempts(connection, test_id, run, segment)
-            chosen = (made if attempt is None else {attempt}) - old
-            mark = {
-                "test_id": test_id,
-                "run": int(run),
-                "segment": int(segment),
-                "flag": plain_text(flag),
-                "created_utc": utc_now(),
-            }
-            if chosen:
-                rows = [mark | {"attempt": number} for number in sorted(chosen)]
-                connection.execute(sa.insert(schema.voided), rows)
+        with store_errors(f"test {test_id} run {run}"), self._engine.begin() as connection:
+            following = changes.void_attempts(
+                connection, test_id, run, segment, plain_text(flag), attempt
+            )
         self._checked.clear()
-        return max(made | old | chosen, default=0) + 1
+        return following
 
     def finish_run(self, test_id: str, run: int, status: str) -> None:
         """Say how a run ended: "finished", "interrupted" or "failed"."""
         check_status(status)
-        with told_as_store_error(f"test {test_id} run {run}"), self._engine.begin() as connection:
-            old = queries.run_status(connection, test_id, run)
-            if old is None:
-                raise StoreError(f"test {test_id} run {run}: has not begun")
-            if old == "finished" != status:
-                raise StoreError(f"test {test_id} run {run}: is finished already")
-            queries.set_run_status(connection, test_id, run, status)
+        with store_errors(f"test {test_id} run {run}"), self._engine.begin() as connection:
+            changes.finish_run(connection, test_id, run, status)
         self._checked.clear()
 
     def finish_test(
@@ -347,28 +294,15 @@ class Store:
             "outcome": plain_text(outcome),
             "safe_result_json": plain_text(safe_result_json),
         }
-        with told_as_store_error(f"test {test_id}"), self._engine.begin() as connection:
-            old = queries.need_test(connection, test_id)
-            if old["status"] == "finished" and any(old[k] != v for k, v in ending.items()):
-                raise StoreError(f"test {test_id}: is finished already")
-            connection.execute(
-                sa.update(schema.tests).where(schema.tests.c.id == test_id).values(ending)
-            )
-            if status != "finished":
-                queries.end_open_runs(connection, test_id, status)
+        with store_errors(f"test {test_id}"), self._engine.begin() as connection:
+            changes.finish_test(connection, test_id, ending)
         self._checked.clear()
         self._release(test_id)
 
     def reopen_test(self, test_id: str) -> None:
         """Mark a test that was interrupted or has failed as running again; claim it first."""
-        with told_as_store_error(f"test {test_id}"), self._engine.begin() as connection:
-            if queries.need_test(connection, test_id)["status"] == "finished":
-                raise StoreError(f"test {test_id}: is finished and cannot be resumed")
-            connection.execute(
-                sa.update(schema.tests)
-                .where(schema.tests.c.id == test_id)
-                .values(status="running", outcome="", safe_result_json="")
-            )
+        with store_errors(f"test {test_id}"), self._engine.begin() as connection:
+            changes.reopen_test(connection, test_id)
 
     # ---- claims ----
 
@@ -382,102 +316,15 @@ class Store:
         StoreError
             Naming the process that holds it.
         """
-        with self._lock:
-            if test_id not in self._claims:
-                self._claims[test_id] = self._take(test_id, PATIENCE_S)
+        self._claims.take(test_id)
         return HeldClaim(test_id, self._release)
-
-    def renew_claims(self) -> None:
-        """Take again what was lost with a broken session; a test that somebody took is told of."""
-        with self._lock:
-            for test_id, claim in self._claims.items():
-                if claim.is_lost():
-                    claim.release()
-                    try:
-                        self._claims[test_id] = self._take(test_id, PATIENCE_S)
-                    except StoreError as err:
-                        log.error("the claim was lost with the server's session: %s", err)
 
     def is_claimed(self, test_id: str) -> bool:
         """Tell whether some process runs the test now."""
-        with self._lock:
-            if test_id in self._claims:
-                return True
-            try:
-                self._take(test_id, 0.0).release()
-            except StoreError:
-                return True
-        return False
-
-    def _take(self, test_id: str, patience_s: float) -> Claim:
-        if self.path is None:
-            return ServerClaim(self._url, test_id, patience_s)
-        return FileClaim(self.path, test_id)
+        return self._claims.is_taken(test_id)
 
     def _release(self, test_id: str) -> None:
-        with self._lock:
-            claim = self._claims.pop(test_id, None)
-        if claim is not None:
-            claim.release()
-
-    # ---- reading ----
-
-    def test(self, test_id: str) -> TestRecord:
-        """Return a test with its runs."""
-        with told_as_store_error(self._where), self._reader.connect() as connection:
-            return queries.test(connection, test_id)
-
-    def has_test(self, test_id: str) -> bool:
-        """Tell whether there is such a test."""
-        with told_as_store_error(self._where), self._reader.connect() as connection:
-            return queries.has_test(connection, test_id)
-
-    def running_tests(self) -> tuple[str, ...]:
-        """Return the ids of the tests that are called running, whether anybody runs them or not."""
-        with told_as_store_error(self._where), self._reader.connect() as connection:
-            return queries.running_tests(connection)
-
-    def tests(self) -> tuple[TestSummary, ...]:
-        """Return all tests, the oldest first."""
-        with told_as_store_error(self._where), self._reader.connect() as connection:
-            return queries.tests(connection)
-
-    def events(self, test_id: str) -> tuple[EventRecord, ...]:
-        """Return what happened in a test, in the order of logging."""
-        with told_as_store_error(self._where), self._reader.connect() as connection:
-            return queries.events(connection, test_id)
-
-    def last_reading(self, test_id: str, run: int) -> ReadingRow | None:
-        """Return the reading of a run that is latest in time, voided or not; None: none yet."""
-        with told_as_store_error(self._where), self._reader.connect() as connection:
-            return queries.last_reading(connection, test_id, run)
-
-    def readings(self, test_id: str, run: int | None = None) -> pd.DataFrame:
-        """Return readings as a table, in order of run, time and serial.
-
-        Columns: run and those of `ReadingRow`, NaN where nothing was measured, and `voided`:
-        empty, or why the attempt the reading belongs to does not count.
-        """
-        with told_as_store_error(self._where), self._reader.connect() as connection:
-            return queries.readings(connection, test_id, run)
-
-    @contextmanager
-    def snapshot(self) -> Generator[sa.Connection]:
-        """Give a connection on which every question is answered as of one moment."""
-        with told_as_store_error(self._where), self._reader.connect() as connection:
-            if connection.dialect.name == "postgresql":
-                connection = connection.execution_options(isolation_level="REPEATABLE READ")
-            yield connection
-
-    def has_readings(self, values: Sequence[Mapping[str, Any]]) -> bool:
-        """Tell whether readings, as `reading_values` has them, are all there."""
-        with told_as_store_error(self._where), self._reader.connect() as connection:
-            return queries.has_readings(connection, values)
-
-    def attempts(self, test_id: str) -> set[tuple[int, int, int]]:
-        """Return the attempts with readings and the voided ones, as (run, segment, attempt)."""
-        with told_as_store_error(self._where), self._reader.connect() as connection:
-            return queries.all_attempts(connection, test_id)
+        self._claims.release(test_id)
 
     def _clash(
         self, test_id: str, run: int, values: Sequence[Mapping[str, Any]], err: IntegrityError
@@ -486,7 +333,7 @@ class Store:
         with self._reader.connect() as connection:
             twice = queries.first_present(connection, values)
         if twice is None:
-            return StoreError(f"{where}: {one_line(err)}; nothing was changed")
+            return StoreError(f"{where}: {driver_message(err)}; nothing was changed")
         return StoreError(
             f"{where}: {twice['serial']} slot {twice['slot']} attempt {twice['attempt']} is there "
             "already, expected a reading not yet stored; nothing was changed"

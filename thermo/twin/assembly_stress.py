@@ -1,4 +1,4 @@
-"""What assembly leaves in an emulated accelerometer: stress that thermal cycling relaxes.
+"""Stress that assembly leaves in an emulated accelerometer and thermal cycling relaxes.
 
 The residual stress s is 1 after assembly. It falls with every degree the temperature travels,
 whichever way, and a little with time at temperature (Arrhenius); each slip that relaxes it leaves
@@ -78,7 +78,7 @@ class AssemblyStress:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _State:
-    """What a term remembers: the last reading, the travel so far, ln s, and the sum of kicks."""
+    """Memory of a term: the last reading, the travel so far, ln s, and the sum of kicks."""
 
     time_s: float
     x_c: float

@@ -14,7 +14,7 @@ from errormodel.terms import Term
 from thermo.compensation.model_file import AccelerometerModel
 from thermo.library import term, thermal_library
 from thermo.library.effects import Example
-from thermo.twin.plant import T_REF_C, EmulatedAccelerometer, emulated_accelerometer
+from thermo.twin.accelerometer import T_REF_C, EmulatedAccelerometer, emulated_accelerometer
 
 # All that a model with bias and scale factor quadratic in temperature holds.
 PLAIN_TERMS = ("k1", "k1_t1", "k1_t2", "k0", "k0_t1", "k0_t2")

@@ -34,13 +34,15 @@ from thermo.discrepancy.experiment import Experiment
 from thermo.discrepancy.find import Discrepancy, find_discrepancy
 from thermo.launch.emulated import run_emulated
 from thermo.planning.default_station import default_station
-from thermo.planning.sequence import Accelerometer, load_sequence, parse_sequence
 from thermo.planning.sequence import Sequence as TestSequence
+from thermo.planning.sequence import TestedAccelerometer, load_sequence, parse_sequence
 from thermo.recording.channel import channel_of
 from thermo.recording.files import RecordedRuns, join_runs, read_runs, write_runs
+from thermo.station.job import make_job
 from thermo.station.outcome import Observer, TestOutcome
 from thermo.store.files import open_existing_store, recorded_runs
-from thermo.twin.plant import EmulatedAccelerometer, Twin, TwinSettings
+from thermo.twin.accelerometer import EmulatedAccelerometer
+from thermo.twin.plant import Twin, TwinSettings
 from thermo.twin.planted import (
     plain_accelerometer,
     plantable,
@@ -145,9 +147,7 @@ class _Bench:
         store_path = str(self.folder / "store.sqlite")
         with self.watch(sequence) as observers:
             outcome = run_emulated(
-                sequence,
-                store_path,
-                config=config,
+                make_job(sequence, store_path),
                 plant=plant,
                 clock=SteppedClock((self.tests - 1) * 3 * DAY_S),
                 observers=observers,
@@ -300,7 +300,7 @@ def _next_run(
     together = sequence.model_copy(
         update={
             "accelerometers": tuple(
-                Accelerometer(serial=s, nominal_scale=one.nominal_scale)
+                TestedAccelerometer(serial=s, nominal_scale=one.nominal_scale)
                 for s in (d.serial, *loaded)
             ),
             "temperature": sequence.temperature.model_copy(update={"repeats": 1}),

@@ -16,11 +16,10 @@ from thermo.compensation.compensated_files import CompensatedFile, compensate_fi
 from thermo.compensation.model_file import ModelFile, dump_model, make_model_file
 from thermo.fitting.fit import AccelerometerFit, fit_runs
 from thermo.launch.emulated import run_emulated
-from thermo.planning.default_station import default_station
-from thermo.planning.plan import make_plan
 from thermo.planning.sequence import Sequence as TestSequence
 from thermo.planning.sequence import parse_sequence
 from thermo.recording.files import RecordedRuns, read_runs
+from thermo.station.job import make_job
 from thermo.station.outcome import Observer, TestOutcome
 from thermo.station.uniformity import RampVerdict, judge_test
 from thermo.store.files import export_recorded, open_existing_store
@@ -106,9 +105,9 @@ def run_demo(
     sequence = sequence or demo_sequence()
     store_path = folder / "store.sqlite"
     hidden = {a.serial: HIDDEN[a.serial] for a in sequence.accelerometers if a.serial in HIDDEN}
+    job = make_job(sequence, store_path)
     outcome = run_emulated(
-        sequence,
-        str(store_path),
+        job,
         effects=hidden,
         clock=SteppedClock() if speed is None else ScaledClock(speed),
         observers=observers,
@@ -117,8 +116,7 @@ def run_demo(
     if outcome.status != "finished":
         return ended
     with open_existing_store(str(store_path)) as store:
-        plan = make_plan(sequence, default_station(sequence))
-        verdicts = judge_test(plan, store.readings(outcome.test_id))
+        verdicts = judge_test(job.plan, store.readings(outcome.test_id))
         exported = export_recorded(store, outcome.test_id, folder / "run.csv")
     result = _evaluate(replace(ended, verdicts=verdicts), read_runs([exported[0].path]), tell)
     return replace(result, seconds=time.monotonic() - began_s)

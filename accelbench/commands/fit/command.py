@@ -11,7 +11,6 @@ from accelbench.shell.console import emit, micro_g, number, table
 from accelbench.shell.inputs import add_reading_counts, read_with_doubts, trust_option
 from accelbench.shell.library import library_option
 from accelbench.shell.outputs import (
-    RUN_SUFFIXES,
     Results,
     check_results,
     checked_run_output,
@@ -21,6 +20,7 @@ from accelbench.shell.outputs import (
 )
 from accelbench.shell.recording_text import recording_document, recording_text
 from errormodel.errors import InputError, NotSeparableError
+from errormodel.io.tables import TABLE_SUFFIXES
 from thermo.compensation.compensated_files import (
     CompensatedChannel,
     CompensatedFile,
@@ -129,7 +129,7 @@ def _runs_and_ids(
     """Sort the arguments: ``--holdout A B`` leaves B among the files, where it is none."""
     paths, more = list[Path](), list[str]()
     for name in files:
-        is_file = Path(name).suffix.lower() in RUN_SUFFIXES or Path(name).exists()
+        is_file = Path(name).suffix.lower() in TABLE_SUFFIXES or Path(name).exists()
         if holdout and not is_file:
             more.append(name)
         else:
@@ -215,9 +215,10 @@ def _notes(c: CompensatedChannel) -> Iterator[str]:
         )
     if c.scale_left_ug:
         yield (
-            f"{c.serial}: K1 was taken as nominal, and K0 holds what it is off at the gravity of "
-            f"the fit: at the gravity here each per cent of that leaves {micro_g(c.scale_left_ug)} "
-            "in at 1 g; the sigmas do not allow for it"
+            f"{c.serial}: K1 was taken as nominal at every temperature, and K0 holds what it is "
+            "off at the gravity of the fit: at the gravity here each per cent by which K1 is off, "
+            f"or changes with temperature, leaves {micro_g(c.scale_left_ug)} in at 1 g; "
+            "the sigmas do not allow for it"
         )
     if not c.run_to_run_known:
         yield (

@@ -4,7 +4,7 @@ import logging
 import shlex
 from collections.abc import Generator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import click
@@ -19,41 +19,26 @@ from accelbench.shell.outputs import checked_run_output, force_option, json_opti
 from accelbench.shell.surroundings import current_shell
 from drivers.clock import Clock, ScaledClock, SteppedClock
 from drivers.errors import InstrumentError
-from drivers.station import StationConfig
 from errormodel.errors import InputError, WorkbenchError
 from thermo.fitting.terms_wanted import TermsFile, read_terms
 from thermo.launch.emulated import run_emulated
 from thermo.launch.real import load_station, run_on_station
-from thermo.planning.default_station import default_station
-from thermo.planning.plan import Plan, make_plan
 from thermo.planning.sequence import Sequence as TestSequence
-from thermo.planning.sequence import load_sequence, parse_sequence
+from thermo.planning.sequence import load_sequence
 from thermo.planning.text import mounting_lines
 from thermo.run_in.verdict import RunInVerdict
+from thermo.station.job import Job, make_job, make_resumed_job
 from thermo.station.observers.live import LiveEstimate
 from thermo.station.observers.live_model import LIVE_TERMS
 from thermo.station.outcome import Observer, TestOutcome
 from thermo.station.run_in import judge_stored
 from thermo.station.uniformity import RampVerdict, judge_test
-from thermo.store.database import parse_url, shown
+from thermo.store.database import display_url, parse_store_url
 from thermo.store.files import export_recorded, open_existing_store
 
 log = logging.getLogger(__name__)
 
 DONE, FAILED = 0, 1
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Job:
-    """What is to be run, on what, from where on."""
-
-    sequence: TestSequence
-    config: StationConfig
-    emulated: bool
-    clock: Clock
-    resume: str | None
-    store: str
-    take_over: bool = False
 
 
 @click.command()
@@ -102,21 +87,21 @@ def run(
     inputs = [p for p in (sequence, station, model) if p is not None]
     if out is not None:
         checked_run_output(out, inputs, force=force)
-    job = replace(_job(sequence, station, store, resume, speed), take_over=take_over)
-    plan = make_plan(job.sequence, job.config, str(sequence or f"test {resume}"))
+    job = _job(sequence, station, store, resume)
+    clock = _clock(job, speed)
     if dry_run:
-        foreseen = foresee_plan(plan)
-        emit(plan_document(plan, foreseen), plan_text(plan, foreseen), as_json=as_json)
+        foreseen = foresee_plan(job.plan)
+        emit(plan_document(job.plan, foreseen), plan_text(job.plan, foreseen), as_json=as_json)
         return DONE
     _check_store(store)
     for line in mounting_lines(job.sequence):
         click.echo(f"mounting: {line}", err=True)
     live = live_estimate(job.sequence, model)
     shell.late_signals.install()
-    with watching(plan.total_s, live) as watch:
-        outcome = _run(job, watch.observers)
-    after = _afterwards(job, plan, outcome, out)
-    where = shown(parse_url(store))
+    with watching(job.plan.total_s, live) as watch:
+        outcome = _run(job, clock, watch.observers, take_over=take_over)
+    after = _afterwards(job, outcome, out)
+    where = display_url(parse_store_url(store))
     document = run_document(outcome, after, where, live)
     emit(document, run_text(outcome, after, where), as_json=as_json)
     if after.problems or not after.all_settled:
@@ -151,44 +136,25 @@ def exit_code(outcome: TestOutcome, verdicts: Sequence[RampVerdict]) -> int:
     return DONE if outcome.clean and uniform else FAILED
 
 
-def _job(
-    path: Path | None, station: Path | None, store: str, resume: str | None, speed: float | None
-) -> _Job:
+def _job(path: Path | None, station: Path | None, store: str, resume: str | None) -> Job:
     given = load_sequence(path) if path is not None else None
     config = load_station(station) if station is not None else None
     if resume is not None:
-        sequence, stored = _stored(store, resume)
-        if given is not None and given != sequence:
-            raise InputError(str(path), "", f"is not the sequence test {resume} was begun with")
-        # instruments that were emulated went with their process: they are made anew
-        if config is None and stored.name != default_station(sequence).name:
-            config = stored
-    elif given is not None:
-        sequence = given
-    else:
+        return make_resumed_job(resume, store, config, sequence=given, source=str(path))
+    if given is None:
         raise click.UsageError("SEQUENCE.toml is missing; only --resume goes without it")
-    emulated = config is None
-    config = config or default_station(sequence)
-    if emulated:
-        clock: Clock = SteppedClock() if speed is None else ScaledClock(speed)
-    else:
-        if speed is not None and config.emulation is None:
-            raise click.UsageError(
-                "--speed is for emulated instruments; the station file has no [emulation]"
-            )
-        clock = ScaledClock(speed or (config.emulation.speed if config.emulation else 1.0))
-    return _Job(
-        sequence=sequence, config=config, emulated=emulated, clock=clock, resume=resume, store=store
-    )
+    return make_job(given, store, config, source=str(path))
 
 
-def _stored(store: str, test_id: str) -> tuple[TestSequence, StationConfig]:
-    with open_existing_store(store) as opened:
-        test = opened.test(test_id)
-    return (
-        parse_sequence(test.sequence_toml, f"test {test_id}"),
-        StationConfig.model_validate_json(test.station_json),
-    )
+def _clock(job: Job, speed: float | None) -> Clock:
+    if job.emulated:
+        return SteppedClock() if speed is None else ScaledClock(speed)
+    emulation = job.station.emulation
+    if speed is not None and emulation is None:
+        raise click.UsageError(
+            "--speed is for emulated instruments; the station file has no [emulation]"
+        )
+    return ScaledClock(speed or (emulation.speed if emulation else 1.0))
 
 
 def _check_store(store: str) -> None:
@@ -196,33 +162,16 @@ def _check_store(store: str) -> None:
     if path is None:
         return
     if not path.resolve().parent.is_dir():
-        raise InputError(shown(store), "--store", "its folder does not exist")
+        raise InputError(display_url(store), "--store", "its folder does not exist")
     prove_writable(path)
 
 
-def _run(job: _Job, observers: Sequence[Observer]) -> TestOutcome:
-    path = _file_of(job.store)
+def _run(job: Job, clock: Clock, observers: Sequence[Observer], *, take_over: bool) -> TestOutcome:
+    path = _file_of(job.store_url)
     is_new = path is not None and not path.exists()
     try:
-        if job.emulated:
-            return run_emulated(
-                job.sequence,
-                job.store,
-                config=job.config,
-                clock=job.clock,
-                resume=job.resume,
-                observers=observers,
-                take_over=job.take_over,
-            )
-        return run_on_station(
-            job.sequence,
-            job.config,
-            job.store,
-            clock=job.clock,
-            resume=job.resume,
-            observers=observers,
-            take_over=job.take_over,
-        )
+        run_job = run_emulated if job.emulated else run_on_station
+        return run_job(job, clock=clock, observers=observers, take_over=take_over)
     except (InstrumentError, WorkbenchError):
         if path is not None and is_new:
             _forget_empty(path)
@@ -230,7 +179,7 @@ def _run(job: _Job, observers: Sequence[Observer]) -> TestOutcome:
 
 
 def _file_of(store: str) -> Path | None:
-    parsed = parse_url(store)
+    parsed = parse_store_url(store)
     return Path(str(parsed.database)) if parsed.get_backend_name() == "sqlite" else None
 
 
@@ -245,7 +194,7 @@ def _forget_empty(path: Path) -> None:
             path.with_name(path.name + suffix).unlink(missing_ok=True)
 
 
-def _afterwards(job: _Job, plan: Plan, outcome: TestOutcome, out: Path | None) -> Afterwards:
+def _afterwards(job: Job, outcome: TestOutcome, out: Path | None) -> Afterwards:
     """Judge and export what there is; what goes wrong in it must never hide how the test ended."""
     done, problems = Afterwards(), list[str]()
 
@@ -260,28 +209,28 @@ def _afterwards(job: _Job, plan: Plan, outcome: TestOutcome, out: Path | None) -
     if not outcome.test_id:
         return done
     if outcome.status == "finished":
-        with told("ramps not judged"), open_existing_store(job.store) as store:
-            done = replace(done, verdicts=judge_test(plan, store.readings(outcome.test_id)))
+        with told("ramps not judged"), open_existing_store(job.store_url) as store:
+            done = replace(done, verdicts=judge_test(job.plan, store.readings(outcome.test_id)))
         with told("run-in not judged"):
             done = replace(done, settled=_run_in(job, outcome))
     if out is not None:
-        with told(f"not exported to {out}"), open_existing_store(job.store) as store:
+        with told(f"not exported to {out}"), open_existing_store(job.store_url) as store:
             if not any(t.readings for t in store.tests() if t.id == outcome.test_id):
                 return replace(done, problems=tuple(problems))
             exported = export_recorded(store, outcome.test_id, out)
             done = replace(done, exported=tuple(str(e.path) for e in exported))
         if not done.exported:
-            store_shown = shown(parse_url(job.store))
+            store_shown = display_url(parse_store_url(job.store_url))
             again = ("export", outcome.test_id, "--store", store_shown, "--out", str(out))
             problems.append(f"get the readings with: accelbench {shlex.join(again)}")
     return replace(done, problems=tuple(problems))
 
 
-def _run_in(job: _Job, outcome: TestOutcome) -> tuple[RunInVerdict, ...] | None:
+def _run_in(job: Job, outcome: TestOutcome) -> tuple[RunInVerdict, ...] | None:
     """Judge a run-in that ran to its end; None when there was none, empty when it cannot be."""
     if job.sequence.run_in is None:
         return None
-    with open_existing_store(job.store) as store:
+    with open_existing_store(job.store_url) as store:
         try:
             return judge_stored(store, outcome.test_id, job.sequence.run_in)
         except WorkbenchError:

@@ -4,17 +4,17 @@ from dataclasses import dataclass
 from typing import Any
 
 from thermo.discrepancy.foresee import EffectsForeseen, foresee_effects
-from thermo.planning.foresight import Foresight, foresee
+from thermo.planning.foresight import CoefficientForesight, foresee_coefficients
 from thermo.planning.plan import Plan
 from thermo.planning.text import mounting_lines, plan_lines
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MountingForeseen:
-    """What the accelerometers of one mounting will give; units and K1's scale are the first's."""
+    """Foresight for the accelerometers of one mounting; units and K1's scale are the first's."""
 
     serials: tuple[str, ...]
-    coefficients: Foresight
+    coefficients: CoefficientForesight
     effects: EffectsForeseen
 
 
@@ -29,7 +29,7 @@ def foresee_plan(plan: Plan) -> tuple[MountingForeseen, ...]:
         made.append(
             MountingForeseen(
                 serials=tuple(a.serial for a in alike),
-                coefficients=foresee(
+                coefficients=foresee_coefficients(
                     runs,
                     nominal_scale=alike[0].nominal_scale,
                     output_unit=units[alike[0].serial],

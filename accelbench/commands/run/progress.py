@@ -52,7 +52,7 @@ class _Bar(Progress):
 
 
 class _Writer:
-    """What rich draws into: the channel itself, in the thread that may wait for it."""
+    """File for rich to draw into: the channel itself, in the thread that may wait for it."""
 
     def __init__(self, channel: Channel) -> None:
         self._channel = channel
@@ -100,7 +100,7 @@ class ProgressView:
 
     @property
     def lost(self) -> str:
-        """Why nothing can be shown any more; empty as long as it can."""
+        """Reason why nothing can be shown any more; empty as long as it can."""
         return self._terminal.err.channel.lost
 
     def start(self) -> None:

@@ -7,6 +7,7 @@ import random
 import pytest
 
 from drivers.chambers import watch as chamber_watch
+from drivers.chambers.models import CHAMBER_MODELS
 from drivers.chambers.open import open_chamber
 from drivers.clock import SteppedClock
 from drivers.devices import Chamber
@@ -23,7 +24,7 @@ from drivers.errors import (
 from drivers.station import ChamberConfig
 from tests.drivers.ideal_plant import IdealPlant
 
-MODELS = ("watlow_f4t", "watlow_f4", "eurotherm_3504")
+MODELS = tuple(CHAMBER_MODELS)
 TRANSPORTS = ("tcp", "rtu", "rtu+tcp")
 PATIENT_S = 2.0  # where no time limit is to run out, however busy the machine
 TIMEOUT_S = 0.08

@@ -12,8 +12,8 @@ from drivers.devices import Digitiser, ScanChannel
 from drivers.digitisers.keysight_34970a import ScanningMultimeter
 from drivers.digitisers.keysight_34970a_scpi import (
     configuration,
-    parse_error,
     parse_scan,
+    parse_scpi_error,
     range_for,
 )
 from drivers.emulators.faults import REPLY_KINDS
@@ -175,13 +175,13 @@ def test_malformed_scans_are_refused(reply):
     ],
 )
 def test_error_queue_replies(reply, expected):
-    assert parse_error(reply) == expected
+    assert parse_scpi_error(reply) == expected
 
 
 @pytest.mark.parametrize("reply", ["", "0", "+1.25000000E+00,000000000.040,101", "No error"])
 def test_what_is_no_error_queue_reply_is_refused(reply):
     with pytest.raises(ProtocolError):
-        parse_error(reply)
+        parse_scpi_error(reply)
 
 
 # ---- configuring

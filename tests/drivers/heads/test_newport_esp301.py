@@ -11,7 +11,7 @@ from drivers.errors import DeviceError, InstrumentError, LimitError, LinkError, 
 from drivers.heads.newport_esp301 import (
     MotionHead,
     angle_text,
-    parse_error,
+    parse_esp301_error,
     parse_flag,
     parse_number,
 )
@@ -107,13 +107,13 @@ def test_what_is_no_flag_is_refused(text):
     ],
 )
 def test_error_buffer_replies(text, code):
-    assert parse_error(text)[0] == code
+    assert parse_esp301_error(text)[0] == code
 
 
 @pytest.mark.parametrize("text", ["", "0", "90.00000", VERSION, "12, 34", "1,2,3"])
 def test_what_is_no_error_buffer_reply_is_refused(text):
     with pytest.raises(ProtocolError):
-        parse_error(text)
+        parse_esp301_error(text)
 
 
 # ---- limits

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from drivers.emulators.modbus_frames import crc16
 from drivers.errors import LinkError, ProtocolError
 from drivers.links.barrier import Barrier
-from drivers.links.modbus import BadReplyError, check_reply, parse_url
+from drivers.links.modbus import BadReplyError, check_reply, parse_modbus_url
 from drivers.links.modbus_link import ModbusLink, RefusalError
 from drivers.station import LinkConfig
 
@@ -97,7 +97,7 @@ def test_no_bytes_break_the_check(reply):
     ],
 )
 def test_urls(url, expected):
-    end = parse_url(url)
+    end = parse_modbus_url(url)
     assert (end.transport, end.host, end.port) == expected
 
 
@@ -109,7 +109,7 @@ def test_urls(url, expected):
 )  # fmt: skip
 def test_urls_that_lead_nowhere(url):
     with pytest.raises(ValueError, match="expected modbus"):
-        parse_url(url)
+        parse_modbus_url(url)
 
 
 def link_to(url: str, **more) -> ModbusLink:

@@ -3,7 +3,7 @@ from pathlib import Path
 import pytest
 
 from errormodel.errors import InputError
-from errormodel.io.atomic import write_files, written_together
+from errormodel.io.atomic import replace_file, write_files, written_together
 
 
 def names(folder: Path) -> list[str]:
@@ -44,3 +44,19 @@ def test_a_folder_that_cannot_be_made_is_named(tmp_path):
     (tmp_path / "file").write_text("mine")
     with pytest.raises(InputError, match="file: cannot be made"):
         write_files([(tmp_path / "file/x", b"1")])
+
+
+def test_a_file_is_replaced_whole_or_stays_as_it_was(tmp_path, monkeypatch):
+    replace_file(tmp_path / "x", b"old")
+
+    def refuse(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as full:
+        full.setattr("errormodel.io.atomic.os.fsync", refuse)
+        with pytest.raises(OSError, match="No space left"):
+            replace_file(tmp_path / "x", b"new")
+    assert (tmp_path / "x").read_bytes() == b"old"
+    replace_file(tmp_path / "x", b"new")
+    assert (tmp_path / "x").read_bytes() == b"new"
+    assert names(tmp_path) == ["x"]

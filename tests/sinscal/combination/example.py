@@ -24,7 +24,7 @@ from sinscal.twin.motion import RigFaults, rig_motion
 from sinscal.twin.programme import there_and_back
 from sinscal.twin.simulate import SensorNoise, self_heating, simulate_rig
 from thermo.recording.runs import head_force_g
-from thermo.twin.plant import emulated_accelerometer
+from thermo.twin.accelerometer import emulated_accelerometer
 
 NOISE = SensorNoise(gyro=0.05 * DEG_PER_H, accel=1e-4, angle=15 * ARCSEC)
 SIGNS = (1.0, -1.0, 1.0)

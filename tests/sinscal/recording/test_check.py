@@ -221,3 +221,25 @@ def test_readings_that_never_change_are_only_not_checked():
     )
     (warning,) = checked_rig(still).warnings
     assert warning.startswith("axes_not_checked: ")
+
+
+@pytest.mark.parametrize("rate_deg_s", [0.0, 20.0], ids=["at rest", "about the vertical"])
+def test_readings_without_noise_that_never_change_tell_nothing_of_the_gyros(rate_deg_s):
+    rows = 3000
+    rate = np.array([3e-5, 4e-5, 6e-5 + np.deg2rad(rate_deg_s)])
+    run = replace(
+        rig_run(),
+        time_s=np.arange(1, rows + 1) / 50.0,
+        step_s=np.full(rows, 0.02),
+        cycle=np.zeros(rows, dtype=np.intp),
+        gyro=np.tile(rate, (rows, 1)),
+        accel=np.tile([0.1, 0.2, 9.81], (rows, 1)),
+        rig_angle_rad=None,
+        temp_c=None,
+        flag=np.zeros(rows, dtype=np.bool_),
+    )
+    found = gravity_map(run)
+    assert found is not None
+    # constant gravity fixes one column, that of the axis turned about; of the rest it tells nothing
+    assert found.known[0] is found.known[1] is False
+    assert found.unexplained == 0.0

@@ -5,7 +5,7 @@ import pytest
 from scipy.stats import chi2
 
 from sinscal.recording.check import checked_rig
-from tests.sinscal.recording.dwell_study import NOISES, one_run, recorded
+from tests.sinscal.recording.dwell_study import NOISES, TURNS, one_run, recorded
 
 
 @pytest.mark.parametrize(
@@ -29,9 +29,10 @@ def test_nineteen_positions_pass() -> None:
 
 @pytest.mark.slow
 @pytest.mark.timeout(3600)
+@pytest.mark.parametrize("plan", TURNS)
 @pytest.mark.parametrize("noise", NOISES)
-def test_nineteen_positions_over_thirty_seeds(noise: float) -> None:
-    made = [one_run(seed, noise) for seed in range(30)]
+def test_nineteen_positions_over_thirty_seeds(noise: float, plan: str) -> None:
+    made = [one_run(seed, noise, plan) for seed in range(30)]
     assert all(one.warnings == () for one in made)
     # 30 parameters of 30 runs: χ² over its mean is 1 ± 0.047
     assert 0.9 < np.mean([one.chi2_share for one in made]) < 1.1

@@ -7,7 +7,7 @@ from tests.thermo.examples import TRUTH, runs_of
 from thermo.compensation.model_file import reported
 from thermo.discrepancy.foresee import foresee_effects
 from thermo.fitting.fit import TermsFile, fit_runs
-from thermo.planning.foresight import foresee
+from thermo.planning.foresight import foresee_coefficients
 from thermo.planning.plan import RunPlan
 from thermo.recording.channel import channel_of
 
@@ -32,7 +32,7 @@ def plan_like(seed: int, angles: tuple[float, ...] | None = None) -> list[RunPla
 
 
 def test_foretold_sigmas_are_those_of_the_fit() -> None:
-    foresight = foresee(plan_like(0), nominal_scale=1.3, output_unit="mA")
+    foresight = foresee_coefficients(plan_like(0), nominal_scale=1.3, output_unit="mA")
     (one,) = fit_runs(runs_of(0), terms=TermsFile(terms=tuple(TRUTH)))
     found = reported(one.fit, 1.3, "mA")
     assert {e.name for e in foresight.expected} == set(TRUTH)
@@ -43,7 +43,7 @@ def test_foretold_sigmas_are_those_of_the_fit() -> None:
 
 
 def test_what_four_positions_cannot_show_is_said_by_name() -> None:
-    foresight = foresee(plan_like(0, (0.0, 90.0, 180.0, 270.0)))
+    foresight = foresee_coefficients(plan_like(0, (0.0, 90.0, 180.0, 270.0)))
     assert ("k1", "k3") in foresight.confounded
     assert ("k_io",) in foresight.confounded
     text = "\n".join(foresight.lines())
@@ -53,7 +53,7 @@ def test_what_four_positions_cannot_show_is_said_by_name() -> None:
 
 def test_what_a_turned_mounting_cannot_show_is_said() -> None:
     # 45° past the quarter turns sin²θ is ½ at each of them: a squared term is a bias
-    turned = foresee(plan_like(0, (0.0, 90.0, 180.0, 270.0)), mount_deg=45.0)
+    turned = foresee_coefficients(plan_like(0, (0.0, 90.0, 180.0, 270.0)), mount_deg=45.0)
     assert ("k0", "k2") in turned.confounded
     assert "mounted turned by 45°" in turned.lines()[0]
     effects = foresee_effects(plan_like(0, (0.0, 90.0, 180.0, 270.0)), mount_deg=45.0)
@@ -63,7 +63,7 @@ def test_what_a_turned_mounting_cannot_show_is_said() -> None:
 
 def test_more_runs_show_more() -> None:
     plans = plan_like(0)
-    one, all_of_them = foresee(plans[:1]), foresee(plans)
+    one, all_of_them = foresee_coefficients(plans[:1]), foresee_coefficients(plans)
     assert [f.lines()[0].split(",")[0] for f in (one, all_of_them)] == [
         "Sigmas to expect of the one run",
         f"Sigmas to expect of {len(plans)} runs together",

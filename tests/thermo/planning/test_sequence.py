@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 from errormodel.errors import InputError
 from thermo.planning.legs import commanded_c, expand, lagged_c, leg_at
 from thermo.planning.sequence import (
-    Cycle,
     Hold,
     Ramp,
     Sequence,
+    TemperatureCycle,
     TemperatureProgramme,
     load_sequence,
     parse_sequence,
@@ -32,7 +32,7 @@ holds = st.builds(
 )
 ramps = st.builds(Ramp, kind=st.just("ramp"), to_c=temps, rate_c_per_min=rates)
 cycles = st.builds(
-    Cycle,
+    TemperatureCycle,
     kind=st.just("cycle"),
     low_c=st.floats(-50, 10).map(lambda t: round(t, 2)),
     high_c=st.floats(10.5, 80),
@@ -45,14 +45,14 @@ cycles = st.builds(
 @st.composite
 def programmes(draw: st.DrawFn) -> TemperatureProgramme:
     start_c = draw(temps)
-    segments: list[Hold | Ramp | Cycle] = []
+    segments: list[Hold | Ramp | TemperatureCycle] = []
     here_c = start_c
     for segment in draw(st.lists(holds | ramps | cycles, min_size=1, max_size=5)):
         if isinstance(segment, Ramp):
             if segment.to_c == here_c:
                 continue
             here_c = segment.to_c
-        elif isinstance(segment, Cycle):
+        elif isinstance(segment, TemperatureCycle):
             here_c = segment.low_c
         elif segment.temp_c is not None:
             here_c = segment.temp_c
@@ -115,7 +115,9 @@ def test_cycle_is_spelt_out() -> None:
     programme = TemperatureProgramme(
         start_c=20,
         segments=(
-            Cycle(kind="cycle", low_c=-40, high_c=70, rate_c_per_min=2, soak_min=30, count=2),
+            TemperatureCycle(
+                kind="cycle", low_c=-40, high_c=70, rate_c_per_min=2, soak_min=30, count=2
+            ),
         ),
     )
     legs = expand(programme)
@@ -186,7 +188,7 @@ def test_a_sequence_is_immutable() -> None:
 
 def test_a_programme_of_a_thousand_segments_survives_being_stored() -> None:
     base = parse_sequence(SHORT)
-    segments = (Cycle(kind="cycle", low_c=-40, high_c=70, rate_c_per_min=2),) * 1000
+    segments = (TemperatureCycle(kind="cycle", low_c=-40, high_c=70, rate_c_per_min=2),) * 1000
     programme = base.temperature.model_copy(update={"segments": segments})
     sequence = base.model_copy(update={"temperature": programme})
     assert parse_sequence(sequence_toml(sequence)) == sequence

@@ -1,4 +1,5 @@
 import datetime as dt
+import logging
 import os
 from pathlib import Path
 
@@ -262,3 +263,45 @@ def test_the_real_thermal_loop(tmp_path):
     np.testing.assert_allclose(np.median(np.diff(record.select("x").time_s)), 0.505, atol=5e-4)
     write_runs(record, tmp_path / "loop.csv")
     assert read_runs([tmp_path / "loop.csv"]).digest("loop") == record.digest("loop")
+
+
+def test_a_blank_between_sign_and_digits_is_no_fault(tmp_path):
+    log = LOG.replace("0.2", "- 0.2").replace("21", "+ 21")
+    record = run(tmp_path, log)
+    np.testing.assert_array_equal(record.output, [0.1, -0.2, 0.3])
+    np.testing.assert_array_equal(record.temp_c, [20, 21, 22])
+
+
+@pytest.mark.parametrize("end", ["8,23", "8,23,0", "8,"])
+def test_a_last_line_cut_short_is_left_out_aloud(tmp_path, caplog, end):
+    with caplog.at_level(logging.WARNING):
+        record = run(tmp_path, LOG + end)
+    np.testing.assert_array_equal(record.output, [0.1, 0.2, 0.3])
+    assert "line 5" in caplog.text
+    assert "the last line is left out" in caplog.text
+    with pytest.raises(InputError, match="line 5"):  # in the midst it is a fault
+        run(tmp_path, f"{LOG}{end}\n9,24,0.5,5,ok\n")
+
+
+def test_a_delimiter_at_the_end_of_the_rows_of_readings_is_no_cell(tmp_path):
+    log = LOG.replace(",ok\n", ",ok,\n").replace(",warm\n", ",warm,\n")
+    np.testing.assert_array_equal(run(tmp_path, log).output, [0.1, 0.2, 0.3])
+    with pytest.raises(InputError, match="6 cells, expected 5"):
+        run(tmp_path, log.replace("ok,\n", "ok,7\n"))
+
+
+def test_unsigned_counts_are_made_signed_by_their_width(tmp_path):
+    log = "t,T,u\n0,20,0\n1,20,127\n2,20,128\n3,20,255\n"
+    mapping = changed(('column = "u"', 'column = "u"\nsigned = true\nbits = 8'))
+    np.testing.assert_array_equal(run(tmp_path, log, mapping).output, [0, 127, -128, -1])
+    with pytest.raises(InputError, match="signed needs bits"):
+        run(tmp_path, log, mapping.replace("bits = 8", ""))
+
+
+def test_a_log_without_temperature_has_none_in_its_recording(tmp_path):
+    mapping = changed(('[temperature]\ncolumn = "T"\n', ""))
+    record = run(tmp_path, LOG, mapping)
+    assert np.isnan(record.temp_c).all()
+    assert record.good.all()
+    write_runs(record, tmp_path / "run.csv")
+    assert np.isnan(read_runs([tmp_path / "run.csv"]).temp_c).all()

@@ -95,3 +95,22 @@ def test_a_sigma_that_the_runs_do_not_show_is_never_told_as_zero(runs: int) -> N
         shown = coefficient_row(one, c)[3]
         assert shown.startswith("< ") or float(shown) > 0.0
         assert c.scatter.ci95[1] > 0.0
+
+
+def test_runs_without_temperature_are_compared_at_one_temperature() -> None:
+    """A log of outputs alone: K0, K1 and the Allan deviation of the holds are there."""
+    rng = np.random.default_rng(46)
+    moves = (0.0, 60.0, -45.0)
+    still = (25.0, 25.001)
+    frames = [
+        one_run(rng, "A", f"r{k}", {"k0": m}, n=120, drift_ug=0.0, span_c=still).assign(
+            temp_c=np.nan
+        )
+        for k, m in enumerate(moves)
+    ]
+    (one,) = judge_stability(recorded(frames)).accelerometers
+    k0 = one.coefficient("k0")
+    assert k0 is not None
+    assert k0.scatter.sigma_runs_observed == pytest.approx(np.std(moves, ddof=1), rel=0.1)
+    assert one.coefficient("k0_t1") is None
+    assert one.allan.tau_s.size > 0

@@ -5,7 +5,9 @@ from pathlib import Path
 
 from drivers.clock import ScaledClock
 from drivers.station import StationConfig
-from thermo.launch.real import load_sequence, run_on_station
+from thermo.launch.real import run_on_station
+from thermo.planning.sequence import load_sequence
+from thermo.station.job import make_job, make_resumed_job
 
 
 def say(*words: object) -> None:
@@ -27,12 +29,14 @@ class Teller:
 
 def main() -> None:
     speed, sequence_path, config_path, store_path, resume, *silence = sys.argv[1:]
+    station = StationConfig.model_validate_json(Path(config_path).read_text(encoding="utf-8"))
+    if resume == "-":
+        job = make_job(load_sequence(sequence_path), store_path, station)
+    else:
+        job = make_resumed_job(resume, store_path, station)
     outcome = run_on_station(
-        None if resume != "-" else load_sequence(sequence_path),
-        StationConfig.model_validate_json(Path(config_path).read_text(encoding="utf-8")),
-        store_path,
+        job,
         clock=ScaledClock(float(speed)),
-        resume=None if resume == "-" else resume,
         observers=[Teller()],
         silence_s=float(silence[0]) if silence else None,
     )

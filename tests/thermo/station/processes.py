@@ -10,7 +10,7 @@ from pathlib import Path
 
 from drivers.chambers.open import open_chamber
 from drivers.station import StationConfig
-from thermo.launch.real import load_sequence
+from thermo.planning.sequence import load_sequence
 from thermo.safety.processes import process_state
 from thermo.store.store import open_store
 

@@ -6,8 +6,8 @@ import pytest
 
 from drivers.errors import DeviceError, FencedError, LinkError, RecognitionError
 from drivers.station import StationConfig
+from tests.thermo.station.running import run_test
 from thermo.station.outcome import ChamberOccupiedError, RunControl
-from thermo.station.procedure import run_test
 
 WRITES = (
     "chamber.hold_temp_c",

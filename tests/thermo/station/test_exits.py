@@ -9,8 +9,8 @@ from drivers.devices import ChannelReading, SafeResult
 from drivers.digitisers.thermistor import ohm_from_temp_c
 from drivers.errors import DeviceError, LinkError, ProtocolError
 from errormodel.errors import StoreError
+from tests.thermo.station.running import run_test
 from thermo.station.outcome import RunControl
-from thermo.station.procedure import run_test
 
 MOMENTS = {
     "approach": lambda world: world.calls.count("chamber.read_temp_c") == 4,

@@ -10,6 +10,7 @@ from tests.thermo.station.there_and_stay import there_and_stay
 from thermo.launch.emulated import run_emulated
 from thermo.planning.default_station import default_station
 from thermo.planning.sequence import parse_sequence
+from thermo.station.job import make_job
 from thermo.store.store import open_store
 from thermo.twin.plant import make_plant
 
@@ -76,7 +77,7 @@ def run_with(tmp_path, faults: list[FaultConfig]):
     config = quick(default_station(sequence), faults)
     plant = Remembering(make_plant(config))
     url = tmp_path / "store.sqlite"
-    outcome = run_emulated(sequence, url, config=config, plant=plant, clock=SteppedClock())
+    outcome = run_emulated(make_job(sequence, url, config), plant=plant, clock=SteppedClock())
     with open_store(url) as store:
         frame = store.readings(outcome.test_id)
         assert store.test(outcome.test_id).status == outcome.status

@@ -32,12 +32,12 @@ from tests.thermo.station.there_and_stay import there_and_stay
 from thermo.launch import make_safe as making_safe
 from thermo.launch.make_safe import make_station_safe
 from thermo.launch.real import (
-    load_sequence,
     load_station,
     run_on_station,
     say_at_once,
     signals_to,
 )
+from thermo.planning.sequence import load_sequence
 from thermo.planning.silence import silence_limit_s
 from thermo.safety import guardian_process
 from thermo.safety.chamber_lock import ChamberHeldError, find_holder
@@ -46,6 +46,7 @@ from thermo.safety.guarded_sitting import Guard, take_lock
 from thermo.safety.guardian_record import read_record
 from thermo.safety.guardian_results import result_file
 from thermo.safety.processes import process_state
+from thermo.station.job import make_job
 from thermo.station.outcome import RunControl, TestInterruptedError
 from thermo.store.store import open_store
 
@@ -425,9 +426,11 @@ def test_a_controller_that_finds_the_chamber_held_commands_nothing(bench, sittin
     hold(config.chamber, 40.0)
     with pytest.raises(ChamberHeldError, match=f"process {os.getpid()}, .*not commanded"):
         run_on_station(
-            load_sequence(bench[1]),
-            config.model_copy(update={"chamber": other}),
-            tmp_path / "other.sqlite",
+            make_job(
+                load_sequence(bench[1]),
+                tmp_path / "other.sqlite",
+                config.model_copy(update={"chamber": other}),
+            )
         )
     assert setpoint_c(bench[2]) == 40.0
     with open_store(tmp_path / "other.sqlite") as store:

@@ -23,7 +23,8 @@ from thermo.safety.guardian import Charge
 from thermo.safety.guardian_process import Guardian
 from thermo.safety.guardian_record import GuardianRecord, read_record
 from thermo.safety.guardian_results import collect_result, result_file
-from thermo.store.store import NewTest, open_store
+from thermo.store.records import NewTest
+from thermo.store.store import open_store
 
 SEQUENCE = there_and_stay(
     serials="AB",

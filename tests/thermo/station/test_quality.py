@@ -7,10 +7,11 @@ import pytest
 
 from drivers.devices import ChannelReading
 from drivers.errors import LinkError
+from tests.thermo.station.running import run_test
 from thermo.launch.emulated import run_emulated
 from thermo.planning.sequence import parse_sequence
+from thermo.station.job import make_job
 from thermo.station.outcome import RunControl
-from thermo.station.procedure import run_test
 from thermo.station.quality import HeadWatch, Repetition
 from thermo.store.store import open_store
 
@@ -229,7 +230,7 @@ angles_deg = [0.0, 90.0]
 period_s = 15.0
 """
     )
-    outcome = run_emulated(sequence, tmp_path / "s.sqlite")
+    outcome = run_emulated(make_job(sequence, tmp_path / "s.sqlite"))
     assert outcome.clean, outcome
     with open_store(tmp_path / "s.sqlite") as store:
         frame = store.readings(outcome.test_id)

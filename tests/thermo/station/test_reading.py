@@ -9,9 +9,9 @@ import pytest
 from drivers.devices import ChannelReading
 from drivers.errors import LinkError
 from errormodel.errors import InputError, StoreError
+from tests.thermo.station.running import run_test
 from thermo.planning.plan import make_plan
 from thermo.station.outcome import RunControl
-from thermo.station.procedure import run_test
 
 HEAD_ENCODER_DEG = 0.01  # the twin's head stops closer than this to where it was sent
 

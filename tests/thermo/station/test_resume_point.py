@@ -1,11 +1,19 @@
+import sqlite3
+from contextlib import closing
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from drivers.clock import SteppedClock
 from errormodel.errors import StoreError
+from tests.thermo.station.running import run_test
+from thermo.planning.plan import make_plan
 from thermo.station.outcome import RunControl
-from thermo.station.procedure import run_test
+from thermo.station.resume_point import find_resume_point
+from thermo.store.store import open_store
 
+OLD_STORE = Path(__file__).parents[1] / "store/cases/version-1.sql"
 ACCEPT = ('gap_rule = "resoak"', 'gap_rule = "accept"')
 
 
@@ -235,3 +243,23 @@ def test_abort_in_a_pause(short, station, store, world):
     outcome = run_test(short, station, store, world.clock, observers=[pauser], control=control)
     assert (outcome.status, outcome.reason) == ("interrupted", "enough")
     assert world.is_safe
+
+
+def test_a_test_in_a_store_of_an_earlier_version_goes_on(short, station, world, tmp_path):
+    # interrupted while segment 1 was soaked again for its third attempt: only the mark tells that
+    with closing(sqlite3.connect(tmp_path / "old.sqlite")) as db:
+        db.executescript(OLD_STORE.read_text(encoding="utf-8"))
+    with open_store(tmp_path / "old.sqlite") as store:
+        (test,) = store.tests()
+        before = store.readings(test.id)
+        point = find_resume_point(store, test.id, make_plan(short, world.config), world.clock)
+        assert (point.run, point.slot, point.segment, point.attempt) == (1, 0, 1, 3)
+        assert (point.shift_s, point.mid_segment) == (325.5, False)
+        assert run_test(None, station, store, world.clock, resume=test.id).clean
+        frame = store.readings(test.id)
+    kept = frame.merge(before, how="inner", on=["run", "serial", "slot", "attempt", "time_s"])
+    assert len(kept) == len(before)
+    valid = frame[frame.voided == ""]
+    for _, one in valid.groupby(["run", "serial"]):
+        assert sorted(one.slot) == list(range(28))
+    assert set(valid[(valid.run == 1) & (valid.segment == 1)].attempt) == {3}  # 3 had none yet

@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 
 from errormodel.errors import InputError, StoreError
+from tests.thermo.station.running import run_test
 from thermo.planning.sequence import load_sequence, parse_sequence, sequence_toml
 from thermo.station.outcome import Decision, RunControl
-from thermo.station.procedure import run_test
 from thermo.station.run_in import decide_run_in, judge_stored
 from thermo.twin.plant import make_plant
 
@@ -76,7 +76,7 @@ def test_a_run_in_that_ended_between_the_cycle_and_the_decision_decides_first(
     def at_the_second(store, test_id, sequence, cycles):
         return Decision(stop=cycles == 2, reason="enough", lines=(f"{cycles}",))
 
-    monkeypatch.setattr("thermo.station.procedure.decide_run_in", at_the_second)
+    monkeypatch.setattr("thermo.station.runs.decide_run_in", at_the_second)
 
     class Ender:
         def on_reading(self, run, rows): ...

@@ -6,12 +6,13 @@ from contextlib import ExitStack
 import pytest
 
 from errormodel.errors import InputError
+from tests.thermo.station.running import run_test
 from tests.thermo.station.test_faults import SEQUENCE
 from tests.thermo.store.outages import away
 from thermo.launch.emulated import run_emulated
 from thermo.planning.sequence import parse_sequence
-from thermo.station import procedure as station_module
-from thermo.station.procedure import run_test
+from thermo.station.job import make_job
+from thermo.station.runs import RunSeries
 from thermo.store.files import open_existing_store
 from thermo.store.spool import bypass as store_bypass
 from thermo.store.spool.spooled_store import open_spooled_store
@@ -124,7 +125,7 @@ def test_between_two_questions_to_a_store_that_does_not_answer_the_chamber_is_lo
     asked: list[tuple[str, int]] = []
 
     def note(name: str) -> Callable[..., object]:
-        real = getattr(station_module._Test, name)
+        real = getattr(RunSeries, name)
 
         def noted(*given: object) -> object:
             result = real(*given)
@@ -134,7 +135,7 @@ def test_between_two_questions_to_a_store_that_does_not_answer_the_chamber_is_lo
         return noted
 
     for name in ("_judge_ramps", "_decide"):
-        monkeypatch.setattr(station_module._Test, name, note(name))
+        monkeypatch.setattr(RunSeries, name, note(name))
     with (
         open_spooled_store(store_url, patience_s=PATIENCE_S) as store,
         Outage(world, store_url, begin=12),
@@ -210,7 +211,7 @@ def test_an_interrupted_test_resumes_with_what_was_left_in_the_spool(
         assert store._spool is not None
         store._spool.close()
     world.hook = lambda _: None
-    for claim in store._claims.values():
+    for claim in store._claims._held.values():
         claim.release()
     with open_store(url) as plain:
         assert plain.test(first.test_id).status == "running"
@@ -245,7 +246,7 @@ class Deleting:
 def test_the_outcome_says_where_the_readings_of_a_deleted_store_are(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     file = tmp_path / "night.sqlite"
-    outcome = run_emulated(parse_sequence(SEQUENCE), file, observers=[Deleting(file)])
+    outcome = run_emulated(make_job(parse_sequence(SEQUENCE), file), observers=[Deleting(file)])
     assert outcome.status == "finished", outcome
     copy = tmp_path / f"state/accelbench/spool/night.{outcome.test_id}.sqlite"
     assert f"everything is in {copy}" in outcome.store_note

@@ -8,14 +8,15 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import IO
 
-from thermo.store.store import NewTest, open_store
+from thermo.store.records import NewTest
+from thermo.store.store import open_store
 
 # Imports once, then forks a writer for each line it reads: a fresh interpreter takes a second.
 # No thread and no connection exists in the parent, so its children start clean.
 PROGRAM = """
 import os, sys
 import psycopg, sqlalchemy.dialects.postgresql.psycopg, sqlalchemy.dialects.sqlite.pysqlite
-from thermo.store.store import ReadingRow
+from thermo.store.records import ReadingRow
 
 def rows(number):
     return [

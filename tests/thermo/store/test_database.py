@@ -6,10 +6,11 @@ import sqlite3
 import pytest
 
 from errormodel.errors import StoreError
-from thermo.store.database import one_line, parse_url, session_engine, shown
+from thermo.store.database import display_url, driver_message, parse_store_url, session_engine
 from thermo.store.files import open_existing_store
+from thermo.store.records import NewTest
 from thermo.store.spool.log import digest
-from thermo.store.store import NewTest, open_store
+from thermo.store.store import open_store
 
 SECRET = "hush77"
 
@@ -51,20 +52,20 @@ def test_no_message_holds_the_password_in_whatever_form_it_was_given(url):
 
 
 def test_what_a_driver_repeats_of_a_url_is_masked():
-    parse_url(f"postgresql://u:{SECRET}@h/x?options=-cx.y%3D{SECRET}2")
+    parse_store_url(f"postgresql://u:{SECRET}@h/x?options=-cx.y%3D{SECRET}2")
     told = ValueError(f'invalid "{SECRET}" in "user=u password={SECRET} options=-cx.y={SECRET}2"')
-    assert one_line(told) == 'invalid "***" in "user=u password=*** options=***"'
+    assert driver_message(told) == 'invalid "***" in "user=u password=*** options=***"'
 
 
 def test_the_name_of_a_spool_does_not_change_with_the_password():
     urls = [f"postgresql://u{p}@h/x{q}" for p, q in ((":a", ""), ("", ""), ("", "?password=b"))]
-    assert len({digest(parse_url(url)) for url in urls}) == 1
-    assert digest(parse_url("postgresql://u@h/y")) != digest(parse_url(urls[0]))
-    assert shown("night.sqlite") == "night.sqlite"
+    assert len({digest(parse_store_url(url)) for url in urls}) == 1
+    assert digest(parse_store_url("postgresql://u@h/y")) != digest(parse_store_url(urls[0]))
+    assert display_url("night.sqlite") == "night.sqlite"
 
 
 def test_a_server_is_given_time_limits(postgres_server):
-    url = parse_url(postgres_server)
+    url = parse_store_url(postgres_server)
     with session_engine(url).connect() as connection:
         found = {
             name: connection.exec_driver_sql(f"SHOW {name}").scalar_one()
@@ -83,7 +84,7 @@ def test_a_server_is_given_time_limits(postgres_server):
     assert parameters["tcp_user_timeout"] == "20000"
     assert parameters["connect_timeout"] == "10"
     assert parameters["keepalives_idle"] == "10"
-    own = parse_url(f"{postgres_server}?connect_timeout=3")
+    own = parse_store_url(f"{postgres_server}?connect_timeout=3")
     with session_engine(own).connect() as connection:
         raw = connection.connection.driver_connection
         assert raw is not None

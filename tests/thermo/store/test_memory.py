@@ -13,7 +13,9 @@ from thermo.recording.files import make_runs, read_runs, write_runs
 from thermo.recording.output_scale import OutputScale
 from thermo.recording.summary import summary_of
 from thermo.store import queries as store_queries
-from thermo.store.store import NewTest, ReadingRow, Store, export_test, open_store
+from thermo.store.export import export_test
+from thermo.store.records import NewTest, ReadingRow
+from thermo.store.store import Store, open_store
 from thermo.store.stream import export_in_pieces
 
 TERMS = TermsFile(terms=("k1", "k1_t1", "k0", "k0_t1", "k0_t2"))

@@ -13,7 +13,10 @@ import sqlalchemy as sa
 
 from errormodel.errors import StoreError
 from thermo.recording.files import read_runs
-from thermo.store.store import NewTest, ReadingRow, Store, export_test, open_store
+from thermo.store.export import export_test
+from thermo.store.records import NewTest, ReadingRow
+from thermo.store.schema import SCHEMA_VERSION
+from thermo.store.store import Store, open_store
 
 SERIALS = ("A", "B", "C")
 NEW = NewTest("night", 'name = "night"\n', "{}", {"accelbench": "0.1"}, {"chamber": {"pid": 1.5}})
@@ -287,7 +290,7 @@ def test_a_new_store_may_be_opened_by_several_at_once(store_url):
 def test_a_newer_schema_is_refused(store_url):
     with open_store(store_url) as store, store._engine.begin() as connection:
         connection.exec_driver_sql("UPDATE schema_version SET version = 99")
-    with pytest.raises(StoreError, match="schema version 99, expected 1"):
+    with pytest.raises(StoreError, match=f"schema version 99, expected {SCHEMA_VERSION}"):
         open_store(store_url)
 
 

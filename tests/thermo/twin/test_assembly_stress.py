@@ -6,8 +6,9 @@ import pytest
 from drivers.station import InputConfig
 from errormodel.record import Record
 from tests.thermo.run_in.examples import cycling, state
+from thermo.twin.accelerometer import emulated_accelerometer, newly_assembled
 from thermo.twin.assembly_stress import BIAS, SCALE, AssemblyStress, assembly_stress
-from thermo.twin.plant import Twin, TwinSettings, emulated_accelerometer, newly_assembled
+from thermo.twin.plant import Twin, TwinSettings
 
 CALM = AssemblyStress(kick_share=0.0, hot_hours=1e12)
 

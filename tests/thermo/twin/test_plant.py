@@ -5,7 +5,8 @@ import pytest
 
 from drivers.digitisers.thermistor import temp_c_from_ohm
 from drivers.station import InputConfig
-from thermo.twin.plant import Twin, TwinSettings, emulated_accelerometer
+from thermo.twin.accelerometer import emulated_accelerometer
+from thermo.twin.plant import Twin, TwinSettings
 
 WIRED = InputConfig(serial="Q1", output_channel=101, thermistor_channel=111)
 QUIET = TwinSettings(thermistor_noise_c=0.0, head_offset_arcsec=0.0, head_harmonic_arcsec=0.0)

@@ -9,7 +9,7 @@ from errormodel.fit import fit
 from errormodel.noise.drift import NoiseModel
 from errormodel.record import Record
 from thermo.recording.runs import head_force_g
-from thermo.twin.plant import emulated_accelerometer
+from thermo.twin.accelerometer import emulated_accelerometer
 
 NOISE = NoiseModel(white=5e-6, drift=3e-6, drift_tau_s=3600.0)
 

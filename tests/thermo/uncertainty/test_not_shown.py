@@ -60,8 +60,8 @@ def test_effects_that_hide_follow_from_positions_and_readings_a_visit(
 
 def test_a_loop_wider_than_the_range_is_a_slope(fitted) -> None:
     found = hidden(fitted(head="eight", dwell=3, range_c=(23.0, 27.0)))
-    assert found["bias_hysteresis"][0] == "k0_t1"
-    assert found["wide_scale_hysteresis"][0] == "k1_t1"
+    assert "k0_t1" in found["bias_hysteresis"]
+    assert "k1_t1" in found["wide_scale_hysteresis"]
 
 
 def test_an_effect_that_the_readings_show_is_told_by_the_residual_instead(fitted) -> None:

@@ -26,7 +26,7 @@ MOST: Mapping[Kind, int | None] = {
 CLOSE_S = 10.0  # without any movement, then whoever is shown something is given up
 
 
-class Worker:
+class ObserverWorker:
     """Carries out calls in order in a daemon thread of its own; handing one over never waits.
 
     Parameters
@@ -140,18 +140,18 @@ class DetachedObserver:
     Parameters
     ----------
     observer : Observer
-    worker : Worker, optional
+    worker : ObserverWorker, optional
         The thread that tells it; one of its own if not given.
     """
 
-    def __init__(self, observer: Observer, worker: Worker | None = None) -> None:
+    def __init__(self, observer: Observer, worker: ObserverWorker | None = None) -> None:
         self._observer = observer
         self._failure = ""
-        self.worker = worker or Worker("observer", self._tell_dropped)
+        self.worker = worker or ObserverWorker("observer", self._tell_dropped)
 
     @property
     def lost(self) -> str:
-        """Why nothing is shown any more; empty as long as it is."""
+        """Reason why nothing is shown any more; empty as long as something is."""
         return self._failure or getattr(self._observer, "lost", "")
 
     def on_reading(self, run: int, rows: Sequence[ReadingRow]) -> None:
@@ -167,7 +167,7 @@ class DetachedObserver:
         self._pass_on(lambda: self._observer.on_event(event), "event")
 
     def close(self, still_s: float = CLOSE_S) -> bool:
-        """Wait for the observer as `Worker.close` does."""
+        """Wait for the observer as `ObserverWorker.close` does."""
         return self.worker.close(still_s)
 
     def _pass_on(self, call: Callable[[], None], kind: Kind) -> None:

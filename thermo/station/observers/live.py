@@ -48,7 +48,7 @@ class _Bank:
 
     @property
     def shares(self) -> FloatArray:
-        """How likely each is."""
+        """Probability of each."""
         share = np.exp(self.log_like - self.log_like.max())
         return np.asarray(share / share.sum())
 

@@ -26,10 +26,9 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from errormodel.errors import StoreError
 from thermo.planning.silence import READ_PATIENCE_S
-from thermo.store.claims import FileClaim
 from thermo.store.database import StoreAwayError, open_engine
 from thermo.store.spool.log import Operation, SpoolFile, apply, replay, spool_path
-from thermo.store.spool.worker import Worker
+from thermo.store.spool.worker import StoreWorker
 from thermo.store.sqlite import Identity, checkpoint, copy_open_file, identity
 from thermo.store.store import Store
 
@@ -64,7 +63,7 @@ class BypassedStore(Store):
     """
 
     def __init__(
-        self, engine: sa.Engine, url: sa.URL, worker: Worker, folder: Path, patience_s: float
+        self, engine: sa.Engine, url: sa.URL, worker: StoreWorker, folder: Path, patience_s: float
     ) -> None:
         super().__init__(engine, url)
         self.patience_s = patience_s
@@ -169,7 +168,7 @@ class BypassedStore(Store):
         self._due_s = time.monotonic() + CHECKPOINT_S
         with suppress(StoreError):
             Store.checkpoint(self)
-            self.renew_claims()
+            self._claims.renew()
 
     def _drain(self, spool: SpoolFile) -> None:
         try:
@@ -208,7 +207,7 @@ class BypassedStore(Store):
         self._move_to_copy(self.path)
 
     def _move_to_copy(self, path: Path) -> None:
-        stem = f"{path.stem}.{next(iter(self._claims), 'store')}"
+        stem = f"{path.stem}.{next(iter(self._claims.tests), 'store')}"
         names = (self._folder / f"{stem}{f'-{k}' if k else ''}.sqlite" for k in count())
         target = next(name for name in names if not name.exists())
         old, url = self._engine, self._url.set(database=str(target))
@@ -221,9 +220,7 @@ class BypassedStore(Store):
             ) from None
         self._turn_to(engine, url)
         self._file = identity(target)
-        for test_id, claim in list(self._claims.items()):
-            claim.release()
-            self._claims[test_id] = FileClaim(target, test_id)
+        self._claims.move_to(url)
         self._moved = (
             f"{path} was deleted, moved or replaced while the test ran: everything is in {target}"
         )
@@ -232,5 +229,5 @@ class BypassedStore(Store):
             checkpoint(old)  # if it was moved, it is whole where it is now
         old.dispose()
         with suppress(StoreError):
-            for test_id in self._claims:
+            for test_id in self._claims.tests:
                 self.log_event(test_id, None, None, "store", self._moved)

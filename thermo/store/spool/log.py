@@ -19,8 +19,8 @@ from typing import Any
 import sqlalchemy as sa
 
 from errormodel.errors import StoreError
-from thermo.store.database import StoreAwayError, told_as_store_error
-from thermo.store.records import QUANTITIES, ReadingRow
+from thermo.store.database import StoreAwayError, store_errors
+from thermo.store.records import QUANTITIES, ReadingRow, ScheduleMark
 from thermo.store.sqlite import inode
 from thermo.store.store import Store
 
@@ -42,7 +42,7 @@ class Operation:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Entry:
+class SpoolEntry:
     """An operation in the log; `refused` is why the store did not take it, empty before that."""
 
     number: int
@@ -70,6 +70,8 @@ def apply(store: Store, operation: Operation, *, again: bool) -> Any:
         When it refuses this.
     """
     arguments = dict(operation.arguments)
+    if operation.call == "mark_schedule":
+        arguments["mark"] = ScheduleMark(**arguments["mark"])
     # the methods of `Store` itself, not those of a spooled store that would come here again
     if operation.call != "append":
         return getattr(Store, operation.call)(store, **arguments)
@@ -97,7 +99,7 @@ def default_folder() -> Path:
     return Path(state) / "accelbench/spool"
 
 
-def prove_writable(folder: Path) -> None:
+def prove_spool_writable(folder: Path) -> None:
     """Make a folder that only its user can read, and write into it.
 
     Raises
@@ -152,7 +154,7 @@ class SpoolFile:
         self.path = path
         self._lock = threading.Lock()
         give_up_s = time.monotonic() + patience_s
-        with told_as_store_error(str(path)):
+        with store_errors(str(path)):
             while True:
                 before = _made(path)
                 try:
@@ -186,7 +188,7 @@ class SpoolFile:
         return db
 
     def _do(self, statement: str, *values: Any) -> list[Any]:
-        with self._lock, told_as_store_error(str(self.path)):
+        with self._lock, store_errors(str(self.path)):
             return self._db.execute(statement, values).fetchall()
 
     @property
@@ -199,7 +201,7 @@ class SpoolFile:
         text = json.dumps(dict(operation.arguments))
         self._do("INSERT INTO log (call, arguments) VALUES (?, ?)", operation.call, text)
 
-    def first(self) -> Entry | None:
+    def first(self) -> SpoolEntry | None:
         """Return the oldest entry that the store has neither taken nor refused."""
         found = self._do(
             "SELECT number, call, arguments FROM log WHERE refused = '' ORDER BY number LIMIT 1"
@@ -207,13 +209,13 @@ class SpoolFile:
         if not found:
             return None
         number, call, text = found[0]
-        return Entry(number=number, operation=Operation(call=call, arguments=json.loads(text)))
+        return SpoolEntry(number=number, operation=Operation(call=call, arguments=json.loads(text)))
 
-    def taken(self, entry: Entry) -> None:
+    def taken(self, entry: SpoolEntry) -> None:
         """Take out what the store has."""
         self._do("DELETE FROM log WHERE number = ?", entry.number)
 
-    def refuse(self, entry: Entry, reason: str) -> None:
+    def refuse(self, entry: SpoolEntry, reason: str) -> None:
         """Keep an entry that the store does not take, with the reason."""
         self._do("UPDATE log SET refused = ? WHERE number = ?", reason or "refused", entry.number)
 
@@ -226,7 +228,7 @@ class SpoolFile:
 
     def close(self, *, delete: bool = False) -> None:
         """Close it; harmless when done twice. `delete`: take the file away before."""
-        with self._lock, told_as_store_error(str(self.path)):
+        with self._lock, store_errors(str(self.path)):
             if delete:
                 # first the file: nobody is to find it, and add to it, between the two
                 for suffix in ("", "-wal"):

@@ -1,4 +1,4 @@
-"""What an earlier process left: a spool that did not flow in, a test that was not ended.
+"""Recovery of what an earlier process left: a spool not taken in, a test not ended.
 
 And the files that lie beside a store and tell of it.
 """
@@ -7,7 +7,7 @@ import logging
 from pathlib import Path
 
 from errormodel.errors import StoreError
-from thermo.store.database import StoreAwayError, parse_url
+from thermo.store.database import StoreAwayError, parse_store_url
 from thermo.store.spool.log import SUFFIX, SpoolFile, default_folder, digest, replay
 from thermo.store.sqlite import holds_test
 from thermo.store.store import Store
@@ -114,7 +114,7 @@ def warnings(url: str | Path, folder: Path | None = None) -> tuple[str, ...]:
     folder : Path, optional
         Of the spools; `thermo.store.spool.log.default_folder` if not given.
     """
-    parsed = parse_url(url)
+    parsed = parse_store_url(url)
     lines: list[str] = []
     for path in spools(folder or default_folder()):
         if path.name.startswith(digest(parsed) + "."):

@@ -5,6 +5,7 @@ How: `thermo.store.spool.bypass`.
 
 import logging
 from collections.abc import Sequence
+from dataclasses import asdict
 from datetime import datetime
 from functools import partial
 from pathlib import Path
@@ -14,11 +15,13 @@ import pandas as pd
 from drivers.clock import Clock
 from errormodel.errors import StoreError
 from thermo.planning.silence import READ_PATIENCE_S
-from thermo.store.database import open_engine, parse_url, shown
+from thermo.store.claims import HeldClaim
+from thermo.store.database import display_url, open_engine, parse_store_url
 from thermo.store.records import (
     EventRecord,
     NewTest,
     ReadingRow,
+    ScheduleMark,
     TestRecord,
     TestSummary,
     check_status,
@@ -26,10 +29,9 @@ from thermo.store.records import (
     reading_values,
 )
 from thermo.store.spool.bypass import BypassedStore, result_of
-from thermo.store.spool.log import Operation, default_folder, prove_writable
+from thermo.store.spool.log import Operation, default_folder, prove_spool_writable
 from thermo.store.spool.recover import recover
-from thermo.store.spool.worker import Worker
-from thermo.store.store import HeldClaim
+from thermo.store.spool.worker import StoreWorker
 
 log = logging.getLogger(__name__)
 
@@ -41,7 +43,7 @@ END_PATIENCE_S = 30.0  # for the spool to flow in at the end
 END_TRIES = 10  # of a checkpoint
 
 
-def patience_s(period_s: float, clock: Clock) -> float:
+def write_patience_s(period_s: float, clock: Clock) -> float:
     """Return for how many real seconds a write may keep a test waiting: one sampling period.
 
     Parameters
@@ -75,13 +77,13 @@ def open_spooled_store(
     StoreError
         If it cannot be opened, does not answer, or the spool's folder cannot be written.
     """
-    parsed = parse_url(url)
+    parsed = parse_store_url(url)
     folder = spool_folder or default_folder()
-    prove_writable(folder)
-    worker = Worker("store")
+    prove_spool_writable(folder)
+    worker = StoreWorker("store")
     try:
         opening = worker.submit(partial(open_engine, parsed))
-        engine = result_of(opening, OPEN_PATIENCE_S, shown(parsed))
+        engine = result_of(opening, OPEN_PATIENCE_S, display_url(parsed))
     except BaseException:
         worker.stop()
         raise
@@ -143,6 +145,14 @@ class SpooledStore(BypassedStore):
         arguments = {"test_id": test_id, "run": run, "time_s": number_or_null(time_s)}
         arguments |= {"kind": kind, "text": text, "logged_utc": logged_utc or self.next_stamp()}
         self.do_write(Operation(call="log_event", arguments=arguments))
+
+    def mark_schedule(
+        self, test_id: str, run: int, mark: ScheduleMark, logged_utc: str | None = None
+    ) -> None:
+        """As `Store.mark_schedule`."""
+        arguments = {"test_id": test_id, "run": int(run), "mark": asdict(mark)}
+        arguments |= {"logged_utc": logged_utc or self.next_stamp()}
+        self.do_write(Operation(call="mark_schedule", arguments=arguments))
 
     def mark_attempt(
         self,
@@ -211,6 +221,10 @@ class SpooledStore(BypassedStore):
     def events(self, test_id: str) -> tuple[EventRecord, ...]:
         """As `Store.events`."""
         return self.ask(partial(super().events, test_id))
+
+    def last_schedule_mark(self, test_id: str, run: int) -> ScheduleMark | None:
+        """As `Store.last_schedule_mark`."""
+        return self.ask(partial(super().last_schedule_mark, test_id, run))
 
     def last_reading(self, test_id: str, run: int) -> ReadingRow | None:
         """As `Store.last_reading`."""

@@ -14,7 +14,7 @@ TICK_S = 0.25  # real seconds without work after which the idle job is called
 Value = TypeVar("Value")
 
 
-class Worker:
+class StoreWorker:
     """Does one job after another in a thread of its own; the process does not wait for it to end.
 
     Parameters
@@ -31,7 +31,7 @@ class Worker:
 
     @property
     def is_current(self) -> bool:
-        """Whether the caller is the worker itself."""
+        """True when the caller is the worker itself."""
         return threading.current_thread() is self._thread
 
     def submit(self, call: Callable[[], Value]) -> "Future[Value]":

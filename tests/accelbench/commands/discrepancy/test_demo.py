@@ -2,7 +2,7 @@
 
 import pytest
 
-from thermo.twin.plant import emulated_accelerometer
+from thermo.twin.accelerometer import emulated_accelerometer
 
 # what the emulated accelerometers have beside bias and scale factor quadratic in temperature
 TRUE = {

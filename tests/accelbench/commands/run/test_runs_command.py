@@ -8,7 +8,8 @@ import pytest
 from accelbench.cli import main
 from thermo.safety.guardian_record import RecordFile
 from thermo.safety.guardian_results import result_file
-from thermo.store.store import NewTest, open_store
+from thermo.store.records import NewTest
+from thermo.store.store import open_store
 
 
 def test_a_guardian_that_could_not_make_the_chamber_safe_is_shown(

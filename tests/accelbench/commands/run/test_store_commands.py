@@ -10,9 +10,10 @@ from drivers.devices import SafeResult
 from tests.thermo.store.test_database import SECRET, URLS
 from thermo.station.observers.live import LiveEstimate
 from thermo.station.outcome import TestOutcome
-from thermo.store.database import parse_url, shown
+from thermo.store.database import display_url, parse_store_url
+from thermo.store.records import NewTest
 from thermo.store.spool.recover import warnings
-from thermo.store.store import NewTest, open_store
+from thermo.store.store import open_store
 
 
 @pytest.mark.parametrize("url", URLS)
@@ -33,7 +34,7 @@ def test_a_result_shows_the_store_without_its_password():
         test_id="T", status="interrupted", reason="stop", head_stopped=True,
         safe=SafeResult(verified=True, steps=("held",)),
     )  # fmt: skip
-    shown_url = shown(parse_url(url))
+    shown_url = display_url(parse_store_url(url))
     text = "\n".join(str(line) for line in run_text(outcome, Afterwards(), shown_url))
     document = json.dumps(run_document(outcome, Afterwards(), shown_url, LiveEstimate({})))
     for said in (text, document):

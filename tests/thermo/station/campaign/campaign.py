@@ -53,11 +53,12 @@ def _try_one(name: str, seed: int, folder: Path) -> dict:
     except Exception as error:  # the campaign goes on
         found["not_set"] = isinstance(error, NotSetError)
         problems.append(traceback.format_exc(limit=3)[-900:])
-    try:
-        problems += case.close()
-    except Exception as error:
-        problems.append(f"closing: {error!r}")
-    subprocess.run(["umount", str(folder / "disk")], check=False, capture_output=True)
+    finally:  # interrupted, too: nothing is left behind
+        try:
+            problems += case.close()
+        except Exception as error:
+            problems.append(f"closing: {error!r}")
+        subprocess.run(["umount", str(folder / "disk")], check=False, capture_output=True)
     found["took_s"] = round(time.monotonic() - began, 1)
     if problems:
         found["text"] = case.process.text()[-1500:] if case.process else ""

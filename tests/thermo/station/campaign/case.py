@@ -246,7 +246,7 @@ class Case:
         path = self.folder / "acks"
         return [json.loads(x) for x in path.read_text().splitlines()] if path.exists() else []
 
-    def wait_for_slots(self, count: int, patience_s: float = 40) -> bool:
+    def wait_for_slots(self, count: int, patience_s: float = 180) -> bool:
         give_up = time.monotonic() + patience_s
         while time.monotonic() < give_up and self.process.poll() is None:
             if len({(a[0], a[1]) for a in self.acks()}) >= count:
@@ -301,8 +301,14 @@ class Case:
     def close(self) -> list[str]:
         """End everything; return what should have been gone by itself."""
         left = []
+        if self.process is not None and self.process.poll() is None:
+            left.append("the controller was running")
+            self.process.kill(signal.SIGCONT)
+            self.process.kill(signal.SIGTERM)  # it makes the chamber safe and ends its guardian
+            self.process.wait(30)
+            self.process.kill(signal.SIGKILL)
         mine = str(self.folder)
-        give_up = time.monotonic() + 12
+        give_up = time.monotonic() + 30
         while True:
             still = [p for p in _processes_naming(mine) if p != self.bench.pid]
             if not still or time.monotonic() > give_up:
@@ -310,7 +316,8 @@ class Case:
             time.sleep(0.1)
         for pid in still:
             left.append(f"process {pid} left behind")
-            os.kill(pid, signal.SIGKILL)
+            with suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGKILL)
         if self.process is not None:
             self.process.poll()
         self.bench.stdin.close()

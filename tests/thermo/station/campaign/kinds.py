@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from tests.thermo.station.campaign.case import Case
 
 PATIENCE_S = 25.0  # a loaded machine is slow; nothing here may take that long
+END_S = 180.0  # for a test to run to its end, imports of a new interpreter among it
 
 
 @dataclass
@@ -45,6 +46,6 @@ def begin(case: Case, *more: str, low: int = 1, high: int = 11, **how) -> None:
     case.strike()
 
 
-def end(case: Case, patience_s: float = 60) -> None:
+def end(case: Case, patience_s: float = END_S) -> None:
     if case.process.wait(patience_s) is None:
         raise AssertionError("the controller does not end: " + case.process.text()[-600:])

@@ -7,12 +7,13 @@ import signal
 import sqlite3
 import subprocess
 import time
-from contextlib import closing
+from collections.abc import Iterator
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 
 from tests.thermo.station.campaign import postgresql
 from tests.thermo.station.campaign.case import Case
-from tests.thermo.station.campaign.kinds import PATIENCE_S, Result, begin, end, kind
+from tests.thermo.station.campaign.kinds import END_S, PATIENCE_S, Result, begin, end, kind
 
 # ---- the store
 
@@ -197,70 +198,84 @@ def out_removed(case: Case) -> Result:
 # ---- the terminal
 
 
+@contextmanager
+def _terminal() -> Iterator[tuple[int, int]]:
+    """Give both ends of a terminal; whatever is open of it in the end is closed."""
+    with _closed_at_the_end(*os.openpty()) as (master, slave):
+        yield master, slave
+
+
+@contextmanager
+def _pipe() -> Iterator[tuple[int, int]]:
+    """Give both ends of a pipe; whatever is open of it in the end is closed."""
+    with _closed_at_the_end(*os.pipe()) as (read, write):
+        yield read, write
+
+
+@contextmanager
+def _closed_at_the_end(*fds: int) -> Iterator[tuple[int, ...]]:
+    try:
+        yield fds
+    finally:
+        for fd in fds:
+            with suppress(OSError):
+                os.close(fd)
+
+
 @kind(4)
 def terminal_stopped(case: Case) -> Result:
     """Nobody takes a byte from the terminal, as after Ctrl-S."""
-    master, slave = os.openpty()
-    begin(case, fds={1: slave, 2: slave}, tty=os.ttyname(slave))
-    os.write(master, b"\x13")
-    end(case, 60)
-    os.close(slave)
-    os.close(master)
+    with _terminal() as (master, slave):
+        begin(case, fds={1: slave, 2: slave}, tty=os.ttyname(slave))
+        os.write(master, b"\x13")
+        end(case)
     return Result((0,))
 
 
 @kind(3)
 def terminal_ctrl_s_then_q(case: Case) -> Result:
-    master, slave = os.openpty()
-    begin(case, fds={1: slave, 2: slave}, tty=os.ttyname(slave))
-    os.write(master, b"\x13")
-    time.sleep(1.5)
-    os.write(master, b"\x11")
-    os.set_blocking(master, False)
-    give_up = time.monotonic() + 60
     said = b""
-    while case.process.poll() is None and time.monotonic() < give_up:
-        try:
-            said += os.read(master, 65536)
-        except BlockingIOError:
-            time.sleep(0.02)
-    os.close(slave)
-    os.close(master)
+    with _terminal() as (master, slave):
+        begin(case, fds={1: slave, 2: slave}, tty=os.ttyname(slave))
+        os.write(master, b"\x13")
+        time.sleep(1.5)
+        os.write(master, b"\x11")
+        os.set_blocking(master, False)
+        give_up = time.monotonic() + END_S
+        while case.process.poll() is None and time.monotonic() < give_up:
+            try:
+                said += os.read(master, 65536)
+            except BlockingIOError:
+                time.sleep(0.02)
     return Result((0,), problems=[] if b"finished" in said else ["the outcome was not told"])
 
 
 @kind(4)
 def terminal_hung_up(case: Case) -> Result:
-    master, slave = os.openpty()
-    begin(case, fds={1: slave, 2: slave}, tty=os.ttyname(slave))
-    os.close(slave)
-    os.close(master)
+    with _terminal() as (_, slave):
+        begin(case, fds={1: slave, 2: slave}, tty=os.ttyname(slave))
     return Result((1,))
 
 
 @kind(4)
 def tee_dead(case: Case) -> Result:
-    read, write = os.pipe()
-    begin(case, fds={1: write, 2: write})
-    os.close(write)
-    os.close(read)
+    with _pipe() as (_, write):
+        begin(case, fds={1: write, 2: write})
     return Result((0,))
 
 
 @kind(3)
 def pipe_undrained(case: Case) -> Result:
-    read, write = os.pipe()
-    os.set_blocking(write, False)
-    try:
-        while True:
-            os.write(write, bytes(4096))
-    except BlockingIOError:
-        pass
-    os.set_blocking(write, True)
-    begin(case, fds={1: write, 2: write})
-    end(case, 60)
-    os.close(write)
-    os.close(read)
+    """Nobody reads the pipe that takes the output; it is full before the test begins."""
+    with _pipe() as (_, write):
+        os.set_blocking(write, False)
+        with suppress(BlockingIOError):
+            while True:
+                os.write(write, bytes(4096))
+        os.set_blocking(write, True)
+        case.start(fds={1: write, 2: write})
+        case.strike()
+        end(case)
     return Result((0,))
 
 

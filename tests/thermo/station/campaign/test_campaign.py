@@ -36,6 +36,32 @@ def test_three_faults_leave_the_chamber_safe_and_every_reading_stored(tmp_path):
     assert all(r["acks"] > 0 for r in results)
 
 
+NOT_SET = """
+import sys
+from pathlib import Path
+from tests.thermo.station.campaign.campaign import _try_one
+from tests.thermo.station.campaign.case import _processes_naming
+from tests.thermo.station.campaign.kinds import NotSetError, kind
+
+@kind(1)
+def fault_not_set(case):
+    case.start()
+    assert case.wait_for_slots(1)
+    raise NotSetError("too late")
+
+found = _try_one("fault_not_set", 1, Path(sys.argv[1]) / "case")
+print(found["not_set"], found["problems"][-1], _processes_naming(sys.argv[1]))
+"""
+
+
+def test_a_kind_that_fails_leaves_no_process_behind(tmp_path):
+    done = subprocess.run(
+        [sys.executable, "-c", NOT_SET, str(tmp_path)],
+        cwd=ROOT, capture_output=True, text=True, timeout=280, check=False,
+    )  # fmt: skip
+    assert done.stdout.strip() == "True the controller was running []", done.stdout + done.stderr
+
+
 @pytest.mark.slow
 @pytest.mark.timeout(7200)
 def test_three_hundred_faults(tmp_path):

@@ -10,13 +10,14 @@ from thermo.launch.emulated import run_emulated
 from thermo.planning.default_station import default_station
 from thermo.planning.plan import make_plan
 from thermo.planning.sequence import load_sequence
-from thermo.station.observers.detached import MOST, DetachedObserver, Worker
+from thermo.station.job import make_job
+from thermo.station.observers.detached import MOST, DetachedObserver, ObserverWorker
 from thermo.station.observers.live import LiveEstimate
 from thermo.station.outcome import Event, Observers, Progress
 from thermo.store.records import ReadingRow
 from thermo.store.store import open_store
 
-SHORT = Path(__file__).parents[3] / "examples/sequences/short.toml"
+SHORT = Path(__file__).parents[4] / "examples/sequences/short.toml"
 PATIENCE_S = 60.0
 
 
@@ -84,7 +85,7 @@ def test_what_nobody_takes_is_given_up():
 
 
 def test_a_handler_of_a_signal_may_hand_something_over_while_it_interrupts_just_that():
-    worker = Worker("test", lambda _: None)
+    worker = ObserverWorker("test", lambda _: None)
     done: list[int] = []
     with worker._changed:  # where the handler finds the main thread
         worker.post(lambda: done.append(1), "line")
@@ -113,7 +114,7 @@ def test_an_observer_that_stands_still_or_fails_takes_no_reading_from_a_test(tmp
     sequence = load_sequence(SHORT)
     plan = make_plan(sequence, default_station(sequence))
     detached = DetachedObserver(observer)
-    outcome = run_emulated(sequence, tmp_path / "s.sqlite", observers=[detached])
+    outcome = run_emulated(make_job(sequence, tmp_path / "s.sqlite"), observers=[detached])
     assert outcome.clean
     assert (outcome.readings, outcome.skipped) == (
         plan.runs * plan.slots * len(sequence.accelerometers),

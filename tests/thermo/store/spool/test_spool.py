@@ -20,13 +20,13 @@ from tests.thermo.store.outages import away, locked
 from thermo.store import queries
 from thermo.store.database import StoreAwayError
 from thermo.store.files import open_existing_store
-from thermo.store.records import reading_values
+from thermo.store.records import EventRecord, NewTest, ReadingRow, reading_values
 from thermo.store.spool import bypass as store_bypass
 from thermo.store.spool import spooled_store as store_spool
 from thermo.store.spool.log import Operation, SpoolFile, replay, spool_path
 from thermo.store.spool.recover import recover, spools
-from thermo.store.spool.spooled_store import SpooledStore, open_spooled_store, patience_s
-from thermo.store.store import EventRecord, NewTest, ReadingRow, Store, open_store
+from thermo.store.spool.spooled_store import SpooledStore, open_spooled_store, write_patience_s
+from thermo.store.store import Store, open_store
 
 NEW = NewTest("night", 'name = "night"\n', "{}")
 START = "2026-11-22T22:15:00+00:00"
@@ -459,9 +459,9 @@ def test_broken_sessions_cost_neither_a_reading_nor_the_claim(postgres_server, f
 
 
 def test_patience_is_a_sampling_period_in_real_seconds_within_bounds():
-    assert patience_s(10.0, SteppedClock()) == 2.0
-    assert patience_s(1.0, ScaledClock(1.0)) == 1.0
-    assert patience_s(10.0, ScaledClock(60.0)) == 0.5
+    assert write_patience_s(10.0, SteppedClock()) == 2.0
+    assert write_patience_s(1.0, ScaledClock(1.0)) == 1.0
+    assert write_patience_s(10.0, ScaledClock(60.0)) == 0.5
 
 
 def test_a_folder_that_cannot_be_written_is_told_before_anything(file, folder, monkeypatch):
