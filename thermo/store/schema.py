@@ -1,6 +1,7 @@
 """The tables. What is only ever added (`_ADD_ONLY`) the database itself refuses to change.
 
-Version 2 added `signals` and `schedule_marks`; before it marks were events, see `thermo.store.migration`.
+Version 2 added `signals` and `schedule_marks`; before it marks were events, see
+`thermo.store.migration`.
 """
 
 import sqlalchemy as sa
