@@ -25,10 +25,10 @@ from thermo.fitting.fit import TermsFile, fit_runs
 from thermo.launch.emulated import run_emulated
 from thermo.library import thermal_library
 from thermo.planning.default_station import default_station
-from thermo.planning.plan import make_plan
 from thermo.planning.sequence import load_sequence
 from thermo.recording.files import make_runs, read_runs, write_runs
 from thermo.recording.signals import recorded_signals
+from thermo.station.job import make_job
 from thermo.station.observers.live import LiveEstimate
 from thermo.station.observers.live_model import LIVE_TERMS
 from thermo.store.files import open_existing_store, recorded_runs
@@ -133,12 +133,13 @@ def measured(own: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path,
         live = LiveEstimate(dict.fromkeys(units, 1.3), terms=(*LIVE_TERMS, "supply_bias"))
         plant = Twin(config.inputs, units, STILL_HEAD, 3, signals=config.signal_channels)
         store = folder / "store.sqlite"
-        outcome = run_emulated(sequence, store, config=config, plant=plant, observers=[live])
+        job = make_job(sequence, store, config)
+        outcome = run_emulated(job, plant=plant, observers=[live])
         assert outcome.status == "finished"
         with open_existing_store(store) as opened:
             (record,) = recorded_runs(opened, outcome.test_id)
         write_runs(record, folder / "run.csv")
-        plan = make_plan(sequence, config)
+        plan = job.plan
         foreseen = foresee_effects([plan.run(k) for k in range(1, plan.runs + 1)])
     return folder / "run.csv", {
         "live": {serial: live.parameters(serial)["supply_bias"] for serial in units},

@@ -95,6 +95,8 @@ class Signal:
         What it is.
     make : callable, optional
         Of `Conditions`, shape (n,); by default the recorded column of the signal's name.
+    columns : tuple of str
+        Of the recording, that `make` needs: without one of them there is no such signal.
     recorded : bool
         Whether it is a column of a recorded run, beyond those that every run may have.
     within : pair of float
@@ -108,6 +110,7 @@ class Signal:
     unit: str
     sentence: str
     make: Callable[[Conditions], FloatArray] | None = None
+    columns: tuple[str, ...] = ()
     recorded: bool = False
     within: tuple[float, float] = (-1e12, 1e12)
     emulated: Callable[[Conditions], FloatArray] | None = None
@@ -115,7 +118,8 @@ class Signal:
     def values(self, at: Conditions) -> FloatArray | None:
         """Return the signal; None where its column is not there."""
         if self.make is not None:
-            return self.make(at)
+            known = all(name in at.columns for name in self.columns)
+            return self.make(at) if known else None
         return at.columns.get(self.name)
 
 

@@ -229,9 +229,9 @@ def _make_or_check_tables(engine: sa.Engine, where: str) -> None:
                     f"{where}: schema version {version}, expected {schema.SCHEMA_VERSION}: "
                     "made by another version of this program; nothing was changed"
                 )
-            missing = set(schema.metadata.tables) - names - {schema.signals.name}
+            missing = set(schema.metadata.tables) - names
             if version < schema.SCHEMA_VERSION:
-                missing.discard(schema.schedule_marks.name)
+                missing -= {schema.schedule_marks.name, schema.signals.name}
             if missing:
                 raise StoreError(f"{where}: damaged: no table {min(missing)}; nothing was changed")
             if version < schema.SCHEMA_VERSION:

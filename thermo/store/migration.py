@@ -2,7 +2,7 @@
 
 Version 1 kept a run's schedule marks as JSON in the text of events of the kind "schedule". A store
 of it gets the new table when it is opened; its events stay what they are, and are read as marks. A
-spool that an earlier program left flows in as such events too.
+spool that an earlier program left flows in as such events too. It had no signals.
 """
 
 import json
@@ -22,6 +22,7 @@ def migrate(connection: sa.Connection, version: int) -> None:
     """Bring the tables of an earlier version to the present one, within the open transaction."""
     assert version == OLDEST
     schema.schedule_marks.create(connection)
+    schema.signals.create(connection)
     connection.execute(sa.update(schema.schema_version).values(version=schema.SCHEMA_VERSION))
 
 

@@ -100,8 +100,6 @@ def has_readings(connection: sa.Connection, values: Sequence[Mapping[str, Any]])
 
 def _has_signals(connection: sa.Connection, value: Mapping[str, Any]) -> bool:
     """Tell whether a reading's signals are stored with the very values given."""
-    if not sa.inspect(connection).has_table(signal_table.name):
-        return False
     given = signal_values(value)
     key = [c.name for c in signal_table.primary_key.columns if c.name != "name"]
     where = [signal_table.c[name] == value[name] for name in key]
@@ -112,17 +110,14 @@ def _has_signals(connection: sa.Connection, value: Mapping[str, Any]) -> bool:
 
 
 def insert_signals(connection: sa.Connection, values: Sequence[Mapping[str, Any]]) -> None:
-    """Add the signals of readings; a store made before there were any gets their table."""
+    """Add the signals of readings."""
     rows = [one for value in values for one in signal_values(value)]
     if rows:
-        signal_table.create(connection, checkfirst=True)
         connection.execute(sa.insert(signal_table), rows)
 
 
 def signal_names(connection: sa.Connection, test_id: str) -> tuple[str, ...]:
     """Return the names of a test's recorded signals."""
-    if not sa.inspect(connection).has_table(signal_table.name):
-        return ()
     s = signal_table.c
     query = sa.select(s.name).where(s.test_id == test_id).distinct().order_by(s.name)
     return tuple(connection.execute(query).scalars())

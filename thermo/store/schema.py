@@ -1,6 +1,7 @@
 """The tables. What is only ever added (`_ADD_ONLY`) the database itself refuses to change.
 
-Version 2 added `schedule_marks`; before it they were events, see `thermo.store.migration`.
+Version 2 added `signals` and `schedule_marks`; before it marks were events, see
+`thermo.store.migration`.
 """
 
 import sqlalchemy as sa
@@ -62,7 +63,7 @@ readings = sa.Table(
     sqlite_with_rowid=False,  # the key's order is the order of arrival: appended, not inserted
 )
 
-# signals recorded beside the quantities of every reading; a store that has none may lack it
+# signals recorded beside the quantities of every reading
 signals = sa.Table(
     "signals",
     metadata,
@@ -129,7 +130,7 @@ def _guard(table: sa.Table) -> None:
         )
         event.listen(table, "after_create", trigger.execute_if(dialect="sqlite"))
     function = sa.DDL(
-        f"CREATE OR REPLACE FUNCTION {table.name}_add_only() RETURNS trigger LANGUAGE plpgsql AS "
+        f"CREATE FUNCTION {table.name}_add_only() RETURNS trigger LANGUAGE plpgsql AS "
         f"$$ BEGIN RAISE EXCEPTION '{refusal}'; END $$"
     )
     trigger = sa.DDL(

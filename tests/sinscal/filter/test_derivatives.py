@@ -6,7 +6,6 @@ wrong by 1e-3 then makes sigmas too small.
 
 import numpy as np
 import pytest
-from sinscal.model.terms import BASIC
 
 from errormodel.arrays import FloatArray
 from errormodel.filter.steps import Steps
@@ -14,6 +13,7 @@ from sinscal.calibration.rig import calibrate, noise_of
 from sinscal.filter.data import cycle_data
 from sinscal.filter.iterate import RigFilter
 from sinscal.filter.layout import RigLayout
+from sinscal.library import BASIC
 from sinscal.model.priors import make_prior
 from sinscal.model.sensors import sensor_model
 from tests.sinscal.filter.test_exactness import exact_run

@@ -1,4 +1,4 @@
-"""Signals recorded beside a reading: kept, exported, and what a store without them does."""
+"""Signals recorded beside a reading: kept, exported, never changed."""
 
 import logging
 from dataclasses import replace
@@ -56,19 +56,6 @@ def test_signals_come_back_as_columns_and_into_the_recorded_run(
         with caplog.at_level(logging.WARNING):
             assert "supply_v" not in exported(store, test_id, tmp_path / "plain.csv")
         assert "supply_v is left out" in caplog.text
-
-
-def test_a_store_that_was_made_without_them_gets_their_table_with_the_first(store_url: str) -> None:
-    with open_store(store_url) as store:
-        test_id = begun(store)
-        store.append(test_id, 1, [row(0)])
-        with store._engine.begin() as connection:  # as one of an earlier version
-            schema.signals.drop(connection)
-    with open_store(store_url) as store:
-        assert "supply_v" not in store.readings(test_id)
-        store.append(test_id, 1, [row(1)])
-        store.append(test_id, 1, [row(2, supply_v=15.0)])
-        np.testing.assert_array_equal(store.readings(test_id)["supply_v"], [np.nan, np.nan, 15.0])
 
 
 def test_they_go_through_the_spool_and_are_not_entered_twice(store_url: str) -> None:
