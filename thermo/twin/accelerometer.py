@@ -96,27 +96,6 @@ def emulated_accelerometer(
     )
 
 
-def conditions_record(
-    time_s: FloatArray, temp_c: FloatArray, rates: FloatArray, *, angle_rad: float, head_deg: float
-) -> Record:
-    """Return what acts on an accelerometer at some temperatures; without force at no angle."""
-    full = np.ones(time_s.size)
-    still = np.isnan(angle_rad)
-    a_i, a_p = (0.0, 0.0) if still else (np.sin(angle_rad), np.cos(angle_rad))
-    at = Conditions(
-        time_s=time_s,
-        run=np.zeros(time_s.size, dtype=np.intp),
-        temp_c=temp_c,
-        position_deg=head_deg * full,
-        force_g=(a_i * full, a_p * full, 0.0 * full),
-        elapsed_h=time_s / 3600.0,
-        t_ref_c=T_REF_C,
-        known_slow=(temp_c, rates),
-        known_mounting=0.0,
-    )
-    return Record(time_s=time_s, signals=signals_of(replace(at, columns=emulated_columns(at))))
-
-
 class AccelerometerState:
     """Memory and drift of one accelerometer, moved on with the emulated time."""
 
