@@ -41,7 +41,7 @@ def _of_sidecar(text: str, *, for_rig: bool) -> str:
     """Tell a rig run from a chamber's by the keys beside it."""
     try:
         keys = set(tomllib.loads(text))
-    except tomllib.TOMLDecodeError:
+    except (tomllib.TOMLDecodeError, ValueError, RecursionError):
         return ""
     of_rig, of_chamber = "latitude_deg" in keys, "output_unit" in keys
     if of_rig and not of_chamber and not for_rig:

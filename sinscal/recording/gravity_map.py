@@ -22,7 +22,7 @@ from sinscal.recording.run import BoolArray, RigRun
 SPAN_S = 1.0
 LARGEST_TURN = np.deg2rad(15.0)  # of gravity between spans: tan(x)/x there is 1.006
 PRIOR_M = 1e3  # sigma about the identity: what does not show is not known
-SHOWN = 1e-12  # of the largest eigenvalue of the information: less is rounding
+SHOWN = 1e-12  # of the largest eigenvalue, columns scaled to one length: less is rounding
 PRIOR_BIAS = 0.05  # rad/s: a bias of 3 °/s is beyond MEMS
 EXCITED = 100.0  # a gyro's mean square turn over that of its noise
 KNOWN = 0.1  # sigma of the entries of a column that is spoken of, over its length
@@ -114,18 +114,23 @@ def _solve(
     beyond all that a dwell shows.
     """
     start = np.concatenate([np.eye(3).ravel(), np.zeros(3)])
-    prior = np.concatenate([np.full(9, PRIOR_M), np.full(3, PRIOR_BIAS)])
-    scaled, apart = columns * prior, change - columns @ start
+    prior = np.concatenate([np.full(9, PRIOR_M), np.full(3, PRIOR_BIAS)]) ** -2.0
+    apart = change - columns @ start
     noise2 = max(float(np.mean(change**2)), 1e-20)
-    found, cov = start, np.diag(prior**2)
+    found, cov = start, np.diag(1.0 / prior)
     keep = np.ones(change.shape[0], dtype=np.bool_)
     for _ in range(4):  # the weight of the prior needs the noise, and the noise the solution
-        a = scaled[keep].reshape(-1, 12)
-        size, axes = np.linalg.eigh(a.T @ a / noise2)
+        a = columns[keep].reshape(-1, 12)
+        length = np.linalg.norm(a, axis=0)
+        a = a / (scale := np.where(length > 0.0, length, 1.0))  # units of the gyros do not matter
+        size, axes = np.linalg.eigh(a.T @ a)
         size = np.where(size > SHOWN * size[-1], size, 0.0)  # the rest stays as it is beforehand
-        cov = (prior[:, None] * axes / (1.0 + size)) @ (prior[:, None] * axes).T
+        back = axes / scale[:, None]
+        information = np.diag(size / noise2) + (back.T * prior) @ back
+        weight = np.sqrt(np.outer(np.diag(information), np.diag(information)))
+        inverse = np.linalg.inv(information / weight) / weight
         score = np.where(size > 0.0, axes.T @ (a.T @ apart[keep].ravel()) / noise2, 0.0)
-        found = start + prior * (axes @ (score / (1.0 + size)))
+        cov, found = back @ inverse @ back.T, start + back @ (inverse @ score)
         left: FloatArray = np.linalg.norm(change - columns @ found, axis=1)
         typical = np.inf
         for mine in (turning, ~turning):  # a rest leaves no more than a turn does
@@ -154,4 +159,5 @@ def _unexplained(run: RigRun, bins: Bins, change: FloatArray, left: FloatArray) 
     noise2 = 2.0 * float(np.sum(_noise2(run.accel))) / bins.rows + rounding2
     left2 = float(np.sum(np.mean(np.square(left), axis=0)))
     all2 = float(np.sum(np.mean(np.square(change), axis=0)))
-    return float(np.sqrt(left2 / all2)) if left2 > MUCH**2 * noise2 else 0.0
+    shown = all2 > rounding2 and left2 > MUCH**2 * noise2
+    return float(np.sqrt(left2 / all2)) if shown else 0.0

@@ -2,6 +2,7 @@
 
 import contextlib
 import io
+import json
 import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -211,7 +212,10 @@ def _command(*arguments_and_folder: str | Path) -> object:
         text = err.getvalue()
         assert code == 2, f"exit code {code}: {text}"
         assert not written, f"wrote {written}"
-        assert out.getvalue() == ""
+        if "--json" in given:
+            assert set(json.loads(out.getvalue())) == {"error", "exit_code"}
+        else:
+            assert out.getvalue() == ""
         assert text.startswith("accelbench: "), text
         assert "error of the program" not in text, text
         assert text.count("\n") == 1, text

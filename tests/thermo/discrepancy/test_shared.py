@@ -74,7 +74,7 @@ def test_what_differs_between_accelerometers_on_one_head_is_their_own() -> None:
         assert (d.verdict, [e.name for e in d.effects]) == ("named", ["third_order"])
         value = d.effects[0].parameters["k3"]
         assert abs(value.value - size) < 4.0 * value.sigma
-        assert "indexer_harmonic" in [u.effect for u in d.unlike]
+        assert "indexer_harmonic" in [u.effect for u in d.refuted]
         assert d.shared == ()
 
 
