@@ -1,4 +1,4 @@
-"""What the commands find, from Python: values instead of files.
+"""Python functions for what the commands do: values instead of files.
 
 A function here does what the command of its name does and returns a `Result`: what was found, the
 same document that the command writes with --json, a table and pictures.

@@ -1,4 +1,4 @@
-"""What a function of the Python entrance returns."""
+"""Result of a function of the Python entrance."""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
@@ -15,7 +15,7 @@ Row = Mapping[str, Any]
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Result(Generic[T_co]):
-    """What one command found.
+    """Result of one command.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What can go wrong with data, files and models.
+"""Errors of data, files and models.
 
 ::
 

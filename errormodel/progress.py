@@ -1,4 +1,4 @@
-"""How far a long computation is, for whoever wants to show it.
+"""Progress of a long computation, for whoever wants to show it.
 
 Loops that take long go through `track`. Where nobody listens that is the loop alone. Loops
 within a loop count as parts of its present step, so that one share tells how far all of it is.

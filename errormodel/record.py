@@ -1,4 +1,4 @@
-"""What one channel saw: named input signals on one time base, cut into runs."""
+"""Record of one channel: named input signals on one time base, cut into runs."""
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field

@@ -1,4 +1,4 @@
-"""What differs from run to run: effects that take a new value in each run, and how large they are.
+"""Run effects: effects that take a new value in each run, and their sigmas.
 
 Each run r adds ``J_r C u_r`` to the output, with J_r the derivative of the model in that run, C
 fixed directions (the bias, the scale factor, the temperature) and u_r ~ N(0, diag(σ²)). With few
@@ -42,7 +42,7 @@ Z95 = 1.959964
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunEffect:
-    """How an effect differs from run to run.
+    """Difference of an effect from run to run.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Whether data can tell the unknowns of a model apart, said by name before a number is given."""
+"""Separability of a model's parameters by data, told by name before a number is given."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ PARTNER_SHARE = 0.2
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Separability:
-    """What a set of columns can and cannot separate.
+    """Parameters that a set of regressors can and cannot separate.
 
     `confounded` holds groups of names that can only be had in combination (a group of one: no
     effect at all).

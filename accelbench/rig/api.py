@@ -1,4 +1,4 @@
-"""What the commands of `accelbench rig` find, from Python."""
+"""Python functions for what the commands of `accelbench rig` do."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path

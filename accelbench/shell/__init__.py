@@ -1,1 +1,1 @@
-"""What all commands share: console, outputs, pages, plots."""
+"""Parts that all commands share: console, outputs, pages, plots."""

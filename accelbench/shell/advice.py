@@ -1,4 +1,4 @@
-"""What helps when a file is not what a command expects, told by a look at the file itself."""
+"""Advice when a file is not what a command expects, from a look at the file itself."""
 
 import csv
 import tomllib

@@ -1,4 +1,4 @@
-"""What goes to standard output and standard error: one JSON document, or text for people."""
+"""Standard output and standard error: one JSON document, or text for people."""
 
 import json
 import math

@@ -1,4 +1,4 @@
-"""Where results may be written: never over an input, and over an old result only when told so."""
+"""Output places: never over an input, and over an old result only when told so."""
 
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -144,7 +144,7 @@ def check_results(
 
 @dataclass(slots=True)
 class Results:
-    """What a command answers: a document, the same in words, and files, written together."""
+    """Answer of a command: a document, the same in words, and files, written together."""
 
     document: dict[str, Any]
     text: "list[RenderableType]"

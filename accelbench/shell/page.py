@@ -43,7 +43,7 @@ BannerState = Literal["good", "bad", "open", ""]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Banner:
-    """What a report says first, in a box.
+    """Banner of a report: its verdict, in a box at the top.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What all figures share: colours, thinning, units, and how a figure becomes bytes.
+"""Style of all figures: colours, thinning, units, and their conversion to bytes.
 
 Figures are made with matplotlib's objects only: no window, no state that one leaves to the next.
 """

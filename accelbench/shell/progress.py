@@ -1,4 +1,4 @@
-"""How far a computation is and how long it still takes, on a terminal; lines elsewhere."""
+"""Display of progress and time left, on a terminal; lines elsewhere."""
 
 import sys
 import time

@@ -1,4 +1,4 @@
-"""What surrounds every command: its warnings, its terminal, the signals of its last moments."""
+"""Surroundings of a command: its warnings, its terminal, the signals that end it."""
 
 import logging
 import os
@@ -83,7 +83,7 @@ class LateSignals:
 
 @dataclass(slots=True)
 class Shell:
-    """Of one command."""
+    """Surroundings of one command."""
 
     terminal: Terminal
     held: HeldWarnings = field(default_factory=HeldWarnings)

@@ -24,7 +24,7 @@ HUNG_UP = (errno.EIO, errno.ENXIO)
 
 
 class Channel:
-    """Where a stream's text goes in the end.
+    """Destination of a stream's text.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ class Channel:
 
 
 class Stream(io.TextIOBase):
-    """What stands in for `sys.stdout` or `sys.stderr`; what it is given goes to its channel."""
+    """Replacement of `sys.stdout` or `sys.stderr`; what it is given goes to its channel."""
 
     def __init__(self, channel: Channel, kind: Kind) -> None:
         self.channel = channel
@@ -148,7 +148,7 @@ class Stream(io.TextIOBase):
 
     @property
     def buffer(self) -> "_Bytes":
-        """What takes bytes: the shell's completion is written so."""
+        """Binary side of the stream: the shell's completion is written to it."""
         return _Bytes(self)
 
     def flush(self) -> None:

@@ -1,4 +1,4 @@
-"""What goes through the gains of a filter that has run: signatures, and shares of its covariance.
+"""Signatures and covariance shares, propagated through the gains of a filter that has run.
 
 What a candidate that the filter does not know would have left in the innovations is had by sending
 its signature through the same gains, and what a single source of error contributes to the final

@@ -56,7 +56,7 @@ class State:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Innovation:
-    """What a measurement brought: observed less predicted, and the variance that was expected."""
+    """Innovation of a measurement: observed less predicted, and the expected variance."""
 
     value: float
     variance: float

@@ -62,7 +62,7 @@ def joined(parts: Sequence[Steps]) -> Steps:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Filtered:
-    """What a filter makes of its steps.
+    """Result of a filter over its steps.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""How much memory a table needs, and refusal of what would not fit before it is read."""
+"""Memory that a table needs, and refusal of what would not fit before it is read."""
 
 import resource
 from contextlib import suppress

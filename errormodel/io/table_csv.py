@@ -39,7 +39,7 @@ NUMBER = re.compile(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Header:
-    """Where a file's header line is, its columns, and those of them that are read."""
+    """Header of a file: its line, its columns, and those of them that are read."""
 
     line: int
     names: list[str]

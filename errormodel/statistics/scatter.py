@@ -22,7 +22,7 @@ MANY = 1e7  # degrees of freedom, as good as infinite
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scatter:
-    """How a value differs from run to run; everything in the value's unit.
+    """Scatter of a value from run to run; everything in the value's unit.
 
     Attributes
     ----------

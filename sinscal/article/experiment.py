@@ -46,7 +46,7 @@ NOISE = SensorNoise(gyro=0.02 * DEG_PER_H, accel=1e-4)
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Experiment:
-    """What the experiment gave.
+    """Result of the experiment.
 
     Attributes
     ----------
@@ -71,7 +71,7 @@ class Experiment:
 
     @property
     def ratio(self) -> float:
-        """How many times smaller the second run's largest error became."""
+        """Ratio of the largest errors of the first run and the second."""
         _, before, after = self.largest_m
         return before / after
 

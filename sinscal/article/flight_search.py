@@ -41,7 +41,7 @@ class Candidate:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TrajectorySearch:
-    """What a search found.
+    """Result of a search.
 
     Attributes
     ----------

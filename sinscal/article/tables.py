@@ -48,7 +48,7 @@ PUBLISHED_PRECISE = dict(zip(ENTRIES, (0.003, 9.7e-8, 0.05, 7.7e-5, 1.36e-5, 0.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reading:
-    """What is taken to be meant where the article leaves it open; the defaults are the letter.
+    """Interpretation of what the article leaves open; the defaults are the literal text.
 
     Attributes
     ----------
@@ -74,7 +74,7 @@ class Reading:
 
     @property
     def words(self) -> tuple[str, ...]:
-        """What is assumed, in sentences."""
+        """The assumptions, in sentences."""
         accel = 1e3 * NOISE.accel * self.accel_factor
         gyro = NOISE.gyro * self.gyro_factor / DEG_PER_H
         bases = {

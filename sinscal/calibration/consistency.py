@@ -1,4 +1,4 @@
-"""Whether a calibration is consistent: its innovations against the sigmas it gives.
+"""Consistency of a calibration: its innovations against the sigmas it gives.
 
 Processed one scalar at a time, the normalised innovations of a filter whose model and noise are
 right are independent and of unit sigma. So their mean square (NIS) has a χ² interval, they are
@@ -44,7 +44,7 @@ class Nis:
 
     @property
     def passed(self) -> bool:
-        """Whether the mean lies inside."""
+        """True when the mean lies inside."""
         return self.interval[0] <= self.mean <= self.interval[1]
 
 
@@ -106,38 +106,38 @@ class Consistency:
 
     @property
     def white(self) -> bool:
-        """Whether no channel's innovations are correlated over lags 1 … 20."""
+        """True when no channel's innovations are correlated over lags 1 … 20."""
         return self._least("white_p") >= FALSE_ALARM / len(self.channels)
 
     @property
     def steady(self) -> bool:
-        """Whether no channel shows slow drift."""
+        """True when no channel shows slow drift."""
         return self._least("slow_p") >= FALSE_ALARM / len(self.channels)
 
     @property
     def within_bound(self) -> bool:
-        """Whether what was bounded (the wobble of the rig's axis) is within its bound."""
+        """True when what was bounded (the wobble of the rig's axis) is within its bound."""
         return self.bounded is None or self.bounded.mean <= self.bounded.interval[1]
 
     @property
     def repeats(self) -> bool:
-        """Whether every cycle held out agrees with the others."""
+        """True when every cycle held out agrees with the others."""
         least = FALSE_ALARM / max(1, len(self.held_out))
         return all(held.shift.p_value >= least for held in self.held_out)
 
     @property
     def expected(self) -> bool:
-        """Whether the errors are no larger than was expected beforehand."""
+        """True when the errors are no larger than was expected beforehand."""
         return self.prior.p_value >= FALSE_ALARM
 
     @property
     def complete(self) -> bool:
-        """Whether no effect of the library is missing."""
+        """True when no effect of the library is missing."""
         return self.effects is None or self.effects.passed
 
     @property
     def tests(self) -> dict[str, bool | None]:
-        """What each test says, by name; None where it was not made."""
+        """Result of each test by name; None where it was not made."""
         return {
             "converged": self.converged,
             "nis": self.nis.passed if self.noise_known else None,
@@ -152,7 +152,7 @@ class Consistency:
 
     @property
     def passed(self) -> bool:
-        """Whether everything is as it should be."""
+        """True when every test is passed."""
         return False not in self.tests.values()
 
     def _least(self, name: str) -> float:

@@ -22,7 +22,7 @@ FALSE_ALARM = 5e-3
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EffectTest:
-    """Whether an effect is missing.
+    """Test for one missing effect.
 
     Attributes
     ----------
@@ -73,5 +73,5 @@ class EffectTests:
 
     @property
     def passed(self) -> bool:
-        """Whether none is missing."""
+        """True when none is missing."""
         return not self.missing

@@ -1,4 +1,4 @@
-"""What every calibration of a SINS by a filter found, whatever was recorded."""
+"""Estimates of a SINS calibration by a filter, whatever was recorded."""
 
 from dataclasses import dataclass
 

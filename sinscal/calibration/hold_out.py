@@ -30,7 +30,7 @@ SETTLE_S = 20.0  # at a cycle's beginning, in which its own attitude is found
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Shift:
-    """How far more data moved estimates: χ², its degrees of freedom, and how likely by chance."""
+    """Change of estimates by more data: χ², degrees of freedom and probability by chance."""
 
     chi2: float
     dof: int
@@ -43,7 +43,7 @@ class Shift:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HoldOut:
-    """What a cycle says of the calibration by the others.
+    """Agreement of a cycle with the calibration by the others.
 
     Attributes
     ----------

@@ -61,7 +61,7 @@ class NavNoise(InertialNoise):
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Predicted:
-    """What a nominal makes of one cycle.
+    """Prediction of one cycle at the linearisation point.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What the outputs of a navigator tell of the readings behind them.
+"""Increments of the sensors, reconstructed from the outputs of a navigator.
 
 A navigator's outputs obey its own equations, whatever its errors: from velocity, position and
 attitude as indicated follow the rates its gyros measured and the force its accelerometers measured,
@@ -32,7 +32,7 @@ FREE_HEIGHT_M = 1.0  # a height that stays within this of the first is held
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class NavCycle:
-    """What n outputs of one cycle tell, their n − 1 intervals followed in N steps.
+    """Intervals of one cycle with n outputs: n − 1 of them, followed in N steps.
 
     Attributes
     ----------

@@ -24,7 +24,7 @@ from sinscal.recording.run import NavRun
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class NavCalibration(FilterCalibration):
-    """What the outputs of navigation tell of the sensors.
+    """Calibration of the sensors from the outputs of navigation.
 
     Attributes
     ----------

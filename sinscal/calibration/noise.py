@@ -50,7 +50,7 @@ class NoiseFound:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What a result must say of it."""
+        """Warnings that the result carries."""
         wrong = tuple(
             f"noise_misstated: {name} noise is {factor:.2f} times what is stated; it was taken "
             "from the run itself"

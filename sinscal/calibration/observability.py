@@ -1,4 +1,4 @@
-"""What the data of a calibration show, and what they do not, by name."""
+"""Observability of the parameters of a calibration, by name."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -28,7 +28,7 @@ class Pair:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Observability:
-    """What the data show.
+    """Parameters that the data show, and those they do not.
 
     Attributes
     ----------

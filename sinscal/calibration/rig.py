@@ -26,7 +26,7 @@ GATE_SIGMAS = 7.0
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class RigCalibration(FilterCalibration):
-    """What a calibration from raw sensors found.
+    """Calibration from raw sensors.
 
     Attributes
     ----------

@@ -45,7 +45,7 @@ Tell = Callable[[str], None]
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Combination:
-    """What rig and chamber say together.
+    """Calibration by rig and chamber together.
 
     Attributes
     ----------

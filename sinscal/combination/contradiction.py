@@ -1,4 +1,4 @@
-"""Whether a rig contradicts the chamber's models, and what would explain it.
+"""Test of a rig's estimates against the chamber's models, with explanations of a contradiction.
 
 An estimate in which the chamber's coefficients are hardly held (`wide`) is compared with the
 chamber: had the chamber been right, their difference would have a known covariance. It is linear,

@@ -1,4 +1,4 @@
-"""What three calibrations of a SINS that warms itself are worth in flight."""
+"""Flight errors after three calibrations of a SINS that warms itself."""
 
 from collections.abc import Callable
 from dataclasses import replace

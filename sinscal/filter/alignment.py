@@ -1,4 +1,4 @@
-"""Where a SINS begins: level from the accelerometers, north from the earth's rotation.
+"""Initial alignment: level from the accelerometers, north from the earth's rotation.
 
 While the SINS turns and its sensors are not yet calibrated, north cannot be had by averaging. So
 the first filter works in level axes of any azimuth, in which the two horizontal parts of the

@@ -1,4 +1,4 @@
-"""What the rig filter is given: its noise, the cycles as measured, and a nominal."""
+"""Input of the rig filter: noise, measured cycles and linearisation point."""
 
 from dataclasses import dataclass, replace
 

@@ -45,7 +45,7 @@ LEAST_S = 1e-9  # instead of no usable reading at all
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class FeltRates:
-    """What the corrected force is wrong by where the rate is: lever arms, delays.
+    """Error of the corrected force by an error of the rate: lever arms, delays.
 
     Attributes
     ----------
@@ -88,7 +88,7 @@ class SensorColumns:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Intervals:
-    """How one cycle's unknowns act, K intervals; p_g columns of gyros, p_a of accelerometers.
+    """Jacobians of one cycle, K intervals; p_g parameters of gyros, p_a of accelerometers.
 
     Attributes
     ----------

@@ -36,7 +36,7 @@ MOST_REFUSED = 0.05
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Pass:
-    """What the last pass started from, its steps, and what the filter made of them."""
+    """The last pass: its linearisation point, its steps and the filter's result."""
 
     nominal: Nominal
     start: State

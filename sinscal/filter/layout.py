@@ -64,17 +64,17 @@ class RigLayout:
 
     @property
     def moving(self) -> int:
-        """How many states move."""
+        """Number of states that change with time."""
         return 3 + 6 * self.drift + 6 * self.counted + len(self.integrals)
 
     @property
     def size(self) -> int:
-        """How many states there are."""
+        """Number of states."""
         return len(self.names)
 
     @property
     def left_over(self) -> tuple[slice, slice]:
-        """Where what the counters had left over before and after an interval stands."""
+        """Indices of the counters' remainders before and after an interval."""
         before = self.at("accel_left_over_before_x", 3)
         return before, slice(before.stop, before.stop + 3)
 
@@ -97,7 +97,7 @@ class RigLayout:
 
     @property
     def mount(self) -> slice:
-        """Where the mounting stands."""
+        """Indices of the mounting."""
         return self.at("rig_mount_x", 3)
 
     def remounted(self, k: int) -> slice:
@@ -106,11 +106,11 @@ class RigLayout:
 
     @property
     def reported(self) -> list[int]:
-        """Where what a calibration reports stands: the sensors' unknowns, then the mounting."""
+        """Indices of the reported states: the sensors' parameters, then the mounting."""
         mount = [*range(self.mount.start, self.mount.stop)] if self.angle else []
         return [*range(self.unknowns.start, self.unknowns.stop), *mount]
 
     @property
     def unknowns(self) -> slice:
-        """Where the sensor model's unknowns stand."""
+        """Indices of the sensor model's parameters."""
         return slice(self.size - len(self.parameters), self.size)

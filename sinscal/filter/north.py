@@ -21,7 +21,7 @@ AXIS_SIGMA_RAD = 1e-3
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class KnownNorth:
-    """What a calibration goes on with.
+    """Knowledge of north that a calibration uses.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""How far into a run the attitude can be carried by what is known of the sensors.
+"""Time over which the attitude can be carried by what is known of the sensors.
 
 A filter linearised about gyros that are 1 % wrong is lost after a few turns: after 450 s at 10 °/s
 the attitude is 45° off, and its iteration diverges. So the first nominal is found from the first

@@ -1,4 +1,4 @@
-"""What a calibration is worth in flight: the covariance of autonomous navigation.
+"""Covariance of autonomous navigation after a calibration.
 
 As nothing is measured in flight, what a parameter p does to the errors x of the navigator (φ, δv,
 δlat, δlon, δh, see `sinscal.flight.navigation_errors`) is a sensitivity Ψ = ∂x/∂p that starts with
@@ -68,7 +68,7 @@ class FlightNoise(InertialNoise):
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Sensitivity:
-    """What parameters and noise do to a flight's navigation, at n times.
+    """Effect of parameters and noise on a flight's navigation, at n times.
 
     Attributes
     ----------

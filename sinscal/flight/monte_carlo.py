@@ -52,7 +52,7 @@ class FlownErrors:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Agreement:
-    """How runs agree with a covariance at the flight's end.
+    """Agreement of simulated runs with a covariance at the flight's end.
 
     Attributes
     ----------
@@ -80,7 +80,7 @@ class Agreement:
 
     @property
     def agrees(self) -> bool:
-        """Whether both tests are passed."""
+        """True when both tests are passed."""
         low, high = self.rho_interval_m
         return low <= self.rho_m <= high and LEVELS[0] <= self.p_value <= LEVELS[1]
 

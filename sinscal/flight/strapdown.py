@@ -46,7 +46,7 @@ compiled_gravity_m_s2 = cast(Callable[[float, float], float], numba.njit(cache=T
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class NavState:
-    """Where a body is, how fast it moves and how it is turned.
+    """Position, velocity and attitude of a body.
 
     Attributes
     ----------
@@ -75,7 +75,7 @@ class NavState:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Track:
-    """What a navigator put out, n rows, the first of them its start.
+    """Output of a navigator, n rows, the first of them its start.
 
     Attributes
     ----------

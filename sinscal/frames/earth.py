@@ -49,7 +49,7 @@ def earth_rate_enu(lat_rad: float) -> FloatArray:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Site:
-    """Where a rig stands: geodetic latitude, rad, and height above the ellipsoid, m."""
+    """Site of a rig: geodetic latitude, rad, and height above the ellipsoid, m."""
 
     lat_rad: float
     height_m: float = 0.0

@@ -1,1 +1,1 @@
-"""Whether a calibration can be believed, and its result file."""
+"""Judgement of a calibration, and its result file."""

@@ -50,7 +50,7 @@ Tell = Callable[[str], None]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Options:
-    """How to calibrate from raw sensors.
+    """Options of a calibration from raw sensors.
 
     Attributes
     ----------
@@ -117,7 +117,7 @@ class Judged:
 
     @property
     def passed(self) -> bool:
-        """Whether the calibration is consistent, and protected as far as was asked."""
+        """True when the calibration is consistent, and protected as far as was asked."""
         return self.consistency.passed and not self.unprotected
 
 

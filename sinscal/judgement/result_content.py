@@ -1,4 +1,4 @@
-"""What every result file of a calibration on a rig holds, made of the calibration's judgement."""
+"""Content of the result file of a rig calibration, made of its judgement."""
 
 import hashlib
 from collections.abc import Mapping

@@ -64,7 +64,7 @@ class ParameterValue(_Part):
 
 
 class PriorValue(_Part):
-    """What was known of it beforehand."""
+    """Prior of a parameter."""
 
     mean: Finite
     sigma: Sigma
@@ -89,7 +89,7 @@ class RunFacts(_Part):
 
 
 class ResultContent(_Part):
-    """What the results of `rig calibrate` and of `combine` share: all keys of the former."""
+    """Content that the results of `rig calibrate` and `combine` share: all keys of the former."""
 
     format: Literal["accelbench-rig-calibration", "accelbench-combined-calibration"] = FORMAT
     format_version: Literal[1] = VERSION

@@ -59,7 +59,7 @@ class RigLibrary:
 
     @cached_property
     def parameters(self) -> Mapping[str, Description]:
-        """What every parameter is, by its name: of groups, jumps, drifts and the mounting."""
+        """Description of every parameter by its name: of groups, jumps, drifts and the mounting."""
         kinds: tuple[Kind, ...] = ("gyro", "accel")
         changes = [g for k in kinds for g in (jump.bias_step(k, 0.0), jump.bias_drift(k, 1.0, 1.0))]
         terms = (g.term(c) for g in (*self.groups.values(), *changes) for c in ALL_CHANNELS)
@@ -128,7 +128,7 @@ class RigLibrary:
 
     @property
     def signs(self) -> str:
-        """What the parameters' indices and signs mean."""
+        """Meaning of the parameters' indices and signs."""
         return "; ".join(g.signs for g in self.groups.values() if g.signs)
 
     def with_members(

@@ -122,12 +122,12 @@ class Group:
 
     @property
     def needs_angle(self) -> bool:
-        """Whether it shows in the rig's angle alone."""
+        """True when it shows in the rig's angle alone."""
         return self.kinds == ("angle",)
 
     @property
     def needs_temperature(self) -> bool:
-        """Whether it needs the sensors' temperatures."""
+        """True when it needs the sensors' temperatures."""
         made = (self.term(channel) for channel in ALL_CHANNELS)
         return any(term.needs & TEMPERATURES for term in made if term is not None)
 

@@ -55,7 +55,7 @@ class BiasDrift(_Part):
 
 
 class FoundValue(_Part):
-    """What was found of one parameter; SI."""
+    """Estimate of one parameter; SI."""
 
     value: Finite
     sigma: Annotated[float, Field(ge=0, allow_inf_nan=False)]

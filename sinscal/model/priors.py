@@ -1,4 +1,4 @@
-"""What is known before a calibration: sigmas of the sensors' errors and of the rig's."""
+"""Priors of a calibration: sigmas of the sensors' errors and of the rig's."""
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ from sinscal.model.sensors import SensorModel
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class RigPrior:
-    """What is known beforehand.
+    """Priors of a rig calibration.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What a calibration leaves in the sensors, as parameters with a covariance.
+"""Errors that a calibration leaves in the sensors, as parameters with a covariance.
 
 The sensors and the names of their parameters are those of `sinscal.library`; what is left of a
 parameter after compensation is an error of the same form.
@@ -60,7 +60,7 @@ def _with(names: Iterable[str]) -> SensorModel:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Calibration:
-    """How well a calibration knows the sensors.
+    """Covariance of the errors that a calibration leaves in the sensors.
 
     Attributes
     ----------

@@ -40,7 +40,7 @@ TRIAL_RATE_RAD_S = 1e-3
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Motion:
-    """What acts on the sensors over n steps of one cycle.
+    """Motion that acts on the sensors over n steps of one cycle.
 
     Attributes
     ----------
@@ -115,7 +115,7 @@ class SensorModel:
 
     @cached_property
     def places(self) -> tuple[slice, ...]:
-        """Where each channel's unknowns stand among `names`."""
+        """Indices of each channel's parameters among `names`."""
         edges = np.cumsum([0, *(len(c.model.names) for c in self.channels)]).tolist()
         return tuple(slice(a, b) for a, b in pairwise(edges))
 
@@ -126,7 +126,7 @@ class SensorModel:
 
     @cached_property
     def parameters(self) -> dict[str, Description]:
-        """What each parameter is, in the order of `names`."""
+        """Description of each parameter, in the order of `names`."""
         return {
             u.name: u for c in self.channels for u in (*c.model.coefficients, *c.model.parameters)
         }
@@ -138,7 +138,7 @@ class SensorModel:
 
     @property
     def needs_temperature(self) -> bool:
-        """Whether some channel's errors depend on its temperature."""
+        """True when some channel's errors depend on its temperature."""
         return any(c.model.needs & TEMPERATURES for c in self.channels)
 
     def start_values(self) -> FloatArray:

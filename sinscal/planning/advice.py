@@ -1,4 +1,4 @@
-"""What a small change of a rig programme would bring, told before the test.
+"""Gain of a small change of a rig programme, told before the test.
 
 Each change is tried on the same filter: its sigmas say what the programme as it is gives away.
 """
@@ -47,7 +47,7 @@ class Advice:
 
     @property
     def factor(self) -> float:
-        """How many times better the parameter becomes."""
+        """Factor by which the parameter's sigma falls."""
         return self.before / self.after
 
 

@@ -32,7 +32,7 @@ HISTORY_S = 10.0
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class RigCovariance:
-    """What a calibration by a programme will be worth.
+    """Covariance to expect of a calibration by a programme.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Whether the rig's angle turns as the gyros do."""
+"""Check of the rig's angle against the gyros."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""What a map from the gyros' axes to those of the forces is called: swapped, reversed, scaled."""
+"""Name of a map from the gyros' axes to those of the forces: swapped, reversed, scaled."""
 
 from collections.abc import Iterator
 from itertools import permutations, product

@@ -1,4 +1,4 @@
-"""Whether a rig run agrees with physics and with what its sidecar says.
+"""Check of a rig run against physics and its sidecar.
 
 What makes every result wrong is an error that names the likely cause; what may be a poor sensor
 as well as a fault is a named warning of the run.

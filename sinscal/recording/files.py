@@ -64,7 +64,7 @@ class QuantumTable(BaseModel):
 
 
 class RigSidecar(BaseModel):
-    """What stands beside a recorded rig run: the site, and what is known of rig and sensors.
+    """Sidecar of a recorded rig run: the site, and what is known of rig and sensors.
 
     `compensated_with` names the calibration that has been taken out of the readings.
     """
@@ -100,7 +100,7 @@ class RigSidecar(BaseModel):
 
 
 class NavSidecar(RigSidecar):
-    """What stands beside a navigation-output run.
+    """Sidecar of a navigation-output run.
 
     `body_axes` says where x, y and z of the body point when roll, pitch and heading are zero:
     ahead is north then.

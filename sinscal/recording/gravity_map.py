@@ -1,4 +1,4 @@
-"""Whether the gyros turn gravity as the accelerometers see it turn.
+"""Check of the gyros against the turn of gravity that the accelerometers see.
 
 Gravity stands still: in the body it changes by df/dt = f × ω. With readings that are wrong in
 scale, sign or order the rate that turns gravity is M ω instead, and M names the fault. It is found

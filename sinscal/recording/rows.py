@@ -1,4 +1,4 @@
-"""What any recorded rig table must be: times that increase in cycles that stand together."""
+"""Check of a rig table's rows: times that increase, cycles that stand together."""
 
 import numpy as np
 

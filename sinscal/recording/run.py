@@ -1,4 +1,4 @@
-"""What a SINS on a rig recorded: raw sensors (with or without the rig's angle), or its outputs."""
+"""Recording of a SINS on a rig: raw sensors (with or without the rig's angle), or its outputs."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -44,7 +44,7 @@ class Quantum:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RigFacts:
-    """What is known of the rig and the sensors beside the readings.
+    """Facts about the rig and the sensors beside the readings.
 
     Attributes
     ----------
@@ -141,7 +141,7 @@ class RigRun:
 
     @property
     def begin_of_cycle_s(self) -> tuple[float, ...]:
-        """When each cycle began: times may go on from cycle to cycle or begin anew in each."""
+        """Begin of each cycle: times may go on from cycle to cycle or begin anew in each."""
         if self.begins_s is not None:
             return self.begins_s
         begins: list[float] = []
@@ -187,7 +187,7 @@ class RigRun:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class NavRun:
-    """What a SINS in its navigation mode put out on the rig, n rows.
+    """Output of a SINS in its navigation mode on the rig, n rows.
 
     Attributes
     ----------

@@ -76,7 +76,7 @@ class Drift:
 
     @property
     def sentence(self) -> str:
-        """What drifts, and how."""
+        """Sentence on what drifts, and how."""
         unit, size, sensors = _OF_KIND[self.kind]
         return (
             f"the constant errors of the {sensors} drift slowly; {WORDS[self.family]} of about "
@@ -85,7 +85,7 @@ class Drift:
 
     @property
     def warning(self) -> str:
-        """What a calibration says of it."""
+        """Warning of a calibration about the drift."""
         if self.shown:
             return f"drift_estimated: {self.sentence}; it is estimated, and the sigmas carry it"
         unit, size, sensors = _OF_KIND[self.kind]

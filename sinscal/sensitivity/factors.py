@@ -1,4 +1,4 @@
-"""What the innovations of a rig filter may follow: phase, rate, cycle, time, warmth."""
+"""Factors of a rig filter's innovations: phase, rate, cycle, time, temperature."""
 
 from collections.abc import Sequence
 

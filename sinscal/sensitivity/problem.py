@@ -81,7 +81,7 @@ class FilterProblem:
 
     @property
     def settled(self) -> BoolArray:
-        """Where an innovation is mainly the noise of its measurement, shape (K, m)."""
+        """Mask of the innovations that are mainly the noise of their measurement, shape (K, m)."""
         share = self.found.steps.r / np.where(self.kept, self.found.filtered.variance, np.inf)
         return share > SETTLED_SHARE
 

@@ -1,4 +1,4 @@
-"""What each effect that a calibration's model lacks would do to its innovations and its result.
+"""Signature of each missing effect in a calibration's innovations and result.
 
 Sent through the filter's own gains, an effect of unknowns c leaves S·c in the normalised
 innovations and B·c in the estimates. Of S only the information SᵀS and the score Sᵀr are kept, so
@@ -75,7 +75,7 @@ class EffectView:
 
     @property
     def chi2(self) -> float:
-        """How much χ² the effect explains."""
+        """χ² that the effect explains."""
         seen = self.strengths > 0.0
         return float(np.sum(self.scores[seen] ** 2 / self.strengths[seen]))
 

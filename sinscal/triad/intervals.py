@@ -1,4 +1,4 @@
-"""Where a recording is at rest, found in raw readings of any unit.
+"""Intervals at rest of a recording, found in raw readings of any unit.
 
 In a window of w rows at rest the scatter about the window's mean is the sensors' noise. The
 statistic is that scatter over the noise, averaged over the channels: the generalised likelihood
@@ -87,7 +87,7 @@ class RestIntervals:
 
     @property
     def rows(self) -> IntArray:
-        """How many rows each has, shape (k,)."""
+        """Number of rows of each, shape (k,)."""
         return self.last - self.first + 1
 
     @property

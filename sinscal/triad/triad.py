@@ -101,7 +101,7 @@ class TriadFit:
 
     @property
     def rms_m_s2(self) -> float:
-        """Of the residuals fitted."""
+        """Root mean square of the fitted residuals, m/s²."""
         return float(np.sqrt(np.mean(self.residual_m_s2[self.used] ** 2)))
 
     def value(self, name: str) -> float:

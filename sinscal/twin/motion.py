@@ -42,7 +42,7 @@ class Wobble:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RigFaults:
-    """What a real rig does wrong; all zero is a perfect one.
+    """Faults of a real rig; all zero is a perfect one.
 
     Attributes
     ----------
@@ -115,7 +115,7 @@ class RigMotion:
 
     @property
     def cycle_numbers(self) -> IntArray:
-        """Of every row, shape (n,)."""
+        """Cycle number of every row, shape (n,)."""
         lengths = [len(c.motion) for c in self.cycles]
         return readonly_int(np.repeat(np.arange(len(lengths)), lengths))
 

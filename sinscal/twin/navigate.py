@@ -1,4 +1,4 @@
-"""What a SINS in its navigation mode puts out on a rig, made from a run of its raw sensors.
+"""Outputs of a SINS in its navigation mode on a rig, made from a run of its raw sensors.
 
 The navigator is the real one of `sinscal.flight.strapdown`, on the sensors as they are with their
 errors. Every cycle starts anew, as after re-mounting: at the rig's true position, at rest, with the

@@ -88,7 +88,7 @@ class WobbleTable(_Table):
 
 
 class FaultTable(_Table):
-    """What the rig does wrong; a list by cycle holds its last entry for the rest."""
+    """Faults of the rig; a list by cycle holds its last entry for the rest."""
 
     axis_tilt_deg: Annotated[tuple[SmallDeg, ...], Field(min_length=1)] = (0.0,)
     azimuth_error_deg: Annotated[tuple[SmallDeg, ...], Field(min_length=1)] = (0.0,)
@@ -143,7 +143,7 @@ class TemperatureTable(_Table):
 
 
 class RecordingTable(_Table):
-    """How the run is recorded."""
+    """Settings of the recording."""
 
     rate_hz: Annotated[float, Field(ge=1, le=1000)] = 100.0
     increments: bool = False
@@ -171,7 +171,7 @@ class RigFile(Programme):
 
     @property
     def azimuth_sigma_rad(self) -> float | None:
-        """How well the azimuth is known."""
+        """Sigma of the azimuth."""
         known = self.azimuth_sigma_deg
         return None if known is None else float(np.deg2rad(known))
 

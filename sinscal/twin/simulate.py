@@ -1,4 +1,4 @@
-"""What six sensors and a rig's encoder would have recorded: the twin of a rig calibration."""
+"""Simulated recording of six sensors and a rig's encoder: the twin of a rig calibration."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace

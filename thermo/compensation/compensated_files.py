@@ -63,7 +63,7 @@ class CompensatedChannel:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class CompensatedFile:
-    """What was compensated and written."""
+    """Compensated recording, as written."""
 
     runs: RecordedRuns
     models: ModelFile

@@ -22,7 +22,7 @@ class CoefficientValue(Part):
 
 
 class SupportPart(Part):
-    """Where there were readings."""
+    """Region of temperature, rate and force in which there were readings."""
 
     temp_c: tuple[tuple[Finite, Finite], ...]
     force_g: dict[str, tuple[Finite, Finite]]

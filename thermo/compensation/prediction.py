@@ -1,4 +1,4 @@
-"""How well a compensated reading is known: the model, the run, and the reading's own noise."""
+"""Sigma of a compensated reading: the model, the run, and the reading's own noise."""
 
 import numpy as np
 

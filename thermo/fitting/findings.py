@@ -1,4 +1,4 @@
-"""What a fit tells: does a higher order help, is a loop left, and of what kind."""
+"""Findings of a fit: does a higher order help, is a loop left, and of what kind."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ WANTED_C = 40.0  # besides the median, the loop is told at this temperature
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OrderFinding:
-    """Whether polynomials of higher order than those chosen would predict better.
+    """Comparison of the chosen polynomial orders with the next higher ones.
 
     Attributes
     ----------

@@ -108,7 +108,7 @@ class AccelerometerFit:
 
     @property
     def worse_than_none(self) -> bool:
-        """Whether the model leaves more than constants alone do, by more than rounding."""
+        """True when the model leaves more than constants alone do, by more than rounding."""
         return self.summary.rms_ug > 1.01 * self.raw.rms_ug
 
 

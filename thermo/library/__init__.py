@@ -57,7 +57,7 @@ class ThermalLibrary:
 
     @cached_property
     def parameters(self) -> Mapping[str, Description]:
-        """What every coefficient and nonlinear parameter is, by its name."""
+        """Description of every coefficient and nonlinear parameter, by its name."""
         made = (make() for make in self.terms.values())
         return {u.name: u for t in made for u in (*t.coefficients, *t.parameters)}
 

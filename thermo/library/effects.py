@@ -1,4 +1,4 @@
-"""What a family's file is made of: terms in a few words, and effects that may be missing.
+"""Parts of a family's file: terms in a few words, and effects that may be missing.
 
 An effect is a named physical cause, made of terms of the library. It may have more than one form:
 the first is tried with the others, a richer one when the first has won.
@@ -102,7 +102,7 @@ class ThermalEffect:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Context:
-    """What the forms of an effect depend on."""
+    """Context on which the forms of an effect depend."""
 
     model: ErrorModel
     runs: int

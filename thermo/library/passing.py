@@ -1,4 +1,4 @@
-"""What belongs to a campaign, a power-on or a moment: bias that relaxes, jumps or drifts."""
+"""Terms of a campaign, a power-on or a moment: bias that relaxes, jumps or drifts."""
 
 from collections.abc import Callable, Sequence
 

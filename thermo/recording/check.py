@@ -1,4 +1,4 @@
-"""What makes readings a recorded run; every complaint says in which row, and what was expected."""
+"""Check of a recorded run's readings; a complaint says in which row, and what was expected."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -227,7 +227,7 @@ def _check_input(table: Table, run: Labels, serial: Labels, good: BoolArray) -> 
 def _check_mounts(
     table: Table, run: Labels, serial: Labels, mounts: Mapping[tuple[str, str], float]
 ) -> None:
-    """Where forces are given beside the head's angle, they are those of the mounting stated."""
+    """Check forces given beside the head's angle against the stated mounting."""
     needed = [table.number.get(name) for name in ("position_deg", *FORCES[:2])]
     angle, a_i, a_p = needed
     if angle is None or a_i is None or a_p is None:

@@ -67,7 +67,7 @@ MountAngle = Annotated[float, Field(ge=-360, le=360, allow_inf_nan=False, strict
 
 
 class Sidecar(BaseModel):
-    """What stands beside a recorded run: what its outputs are measured in.
+    """Sidecar of a recorded run: what its outputs are measured in.
 
     `nominal_scale` is in output units per g; a negative one is a reversed polarity. `mount_deg`
     says by run and serial how far an accelerometer was mounted turned on the head. `temp_sigma_c`

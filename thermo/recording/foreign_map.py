@@ -52,7 +52,7 @@ class Section(BaseModel):
 
 
 class FileFormat(Section):
-    """How cells and lines are written."""
+    """Format of cells and lines."""
 
     delimiter: Annotated[str, Field(min_length=1, max_length=1)] = ","
     header: bool = True  # names stand in the first line that is read
@@ -82,7 +82,7 @@ class FileFormat(Section):
 
 
 class TimeColumn(Section):
-    """When a row was read: a number of `unit` (or of `scale` seconds), or a date by `format`.
+    """Time of a row: a number of `unit` (or of `scale` seconds), or a date by `format`.
 
     With `date` the day stands in a column of its own; `format` then is of both, joined by a blank.
     A `format` without a day counts on over midnight. `zone` is the time zone of dates that do not
@@ -129,13 +129,13 @@ class TimeColumn(Section):
 
     @property
     def without_day(self) -> bool:
-        """Whether the format is of a time of day alone."""
+        """True when the format is of a time of day alone."""
         day = re.search(r"%[djxcDFU]", self.format or "%d")
         return self.format != "iso" and day is None
 
     @property
     def local(self) -> bool:
-        """Whether it holds dates of which the time zone is not stated here."""
+        """True when it holds dates of which the time zone is not stated here."""
         return self.format is not None and self.zone is None and not self.without_day
 
     @property
@@ -214,7 +214,7 @@ class Accelerometer(Section):
 
 
 class Output(Sidecar):
-    """What the recorded run's outputs shall be measured in; as in its sidecar."""
+    """Unit and scale of the recorded run's outputs; as in its sidecar."""
 
 
 class FlagRule(Section):

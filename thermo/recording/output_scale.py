@@ -1,4 +1,4 @@
-"""What an output is measured in."""
+"""Unit and scale of an output."""
 
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
@@ -8,7 +8,7 @@ OutputUnit: TypeAlias = Literal["mA", "V", "m/s2", "g", "count"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OutputScale:
-    """What an output is measured in: `nominal_scale` is `output_unit` per g.
+    """Unit and scale of an output: `nominal_scale` is `output_unit` per g.
 
     `temp_sigma_c` and `temp_gain_ppm` are what its thermistor may be wrong by, 1 sigma: an offset,
     and a gain about 0 °C.

@@ -137,7 +137,7 @@ class RecordedRuns:
 
     @property
     def output_scale(self) -> OutputScale:
-        """What all outputs are measured in; `InputError` when it differs: select first."""
+        """Unit and scale of all outputs; `InputError` when they differ: select first."""
         return self._only_scale()
 
     @property
@@ -157,7 +157,7 @@ class RecordedRuns:
 
     @property
     def has_input(self) -> bool:
-        """Whether the specific force is known in every good row.
+        """True when the specific force is known in every good row.
 
         When it is not, the input is an unknown constant: only bias-like terms can be had.
         """
@@ -296,7 +296,7 @@ class RecordedRuns:
         return tuple(numbers[name] for name in NUMBERS)
 
     def _turned_deg(self) -> FloatArray:
-        """How far each row's accelerometer is mounted turned on the head, °, shape (n,)."""
+        """Return each row's mounting angle on the head, °, shape (n,)."""
         turned = np.zeros(len(self))
         for (run, serial), angle in self.mount_deg.items():
             mine = self.run.codes == self.run_ids.index(run)

@@ -28,7 +28,7 @@ def _no_columns() -> Mapping[str, FloatArray]:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Conditions:
-    """What signals are made of: n readings of one accelerometer, run by run.
+    """Conditions that signals are made of: n readings of one accelerometer, run by run.
 
     Attributes
     ----------

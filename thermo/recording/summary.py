@@ -1,4 +1,4 @@
-"""What is worth saying of a recording, without its readings."""
+"""Summary of a recording, without its readings."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -165,7 +165,7 @@ class SlowRival:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Relaxing:
-    """What the estimates of one accelerometer say under one law: `weigh` makes it.
+    """Posterior of one accelerometer's estimates under one law, made by `weigh`.
 
     `log_evidence` compares laws; `of_centre` is the logarithm of the weight of each κ that the
     coefficients' own lie around.

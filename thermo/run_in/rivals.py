@@ -1,4 +1,4 @@
-"""What may go on in a coefficient from cycle to cycle: the rivals that a run-in is judged by.
+"""Rival processes in a coefficient from cycle to cycle, by which a run-in is judged.
 
 Estimate k = 0, 1, … of a coefficient is ``c∞ + A·g(k/κ) + B·v(k) + slips so far + error``.
 
@@ -44,7 +44,7 @@ HORIZON = 60  # cycles looked ahead; what is left after them is counted as one m
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Hypotheses:
-    """What the rivals under a law say beforehand of estimates with given sigmas, in limits.
+    """Prior of the rivals under a law for estimates with given sigmas, in limits.
 
     The coefficients are c∞, A, A times the deviation of ln κ from the grid, and B.
     """

@@ -1,4 +1,4 @@
-"""What single cycles show beside what relaxes: a jump between two of them, a daily swing."""
+"""Signs in single cycles beside the relaxation: a jump between two of them, a daily swing."""
 
 from dataclasses import dataclass
 

@@ -85,7 +85,7 @@ class Unseen:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class RunInVerdict:
-    """What is known of one accelerometer's run-in after its last cycle.
+    """Verdict on one accelerometer's run-in after its last cycle.
 
     Attributes
     ----------
@@ -186,7 +186,7 @@ class RunInVerdict:
 
     @property
     def scale_fitted(self) -> bool:
-        """Whether µg are over each cycle's own K1; else over the nominal scale factor."""
+        """True when µg are over each cycle's own K1; else over the nominal scale factor."""
         return any(c.series.name == "k1" for c in self.coefficients)
 
     @property

@@ -38,7 +38,7 @@ EXAMINED = 4000
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OrderTrial:
-    """How one pair of polynomial orders does on readings it was not fitted to.
+    """Held-out error of one pair of polynomial orders.
 
     `residual_ug` and `heldout_ug` are rms values over readings, in the fit and held out;
     `heldout_chi2` is the held-out sum of squares after whitening by the noise, drift included.

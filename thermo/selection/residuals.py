@@ -1,4 +1,4 @@
-"""What a model leaves: per run, direction and position, over temperature, and as a loop."""
+"""Residuals of a model: per run, direction and position, over temperature, and as a loop."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Where a model is supported by readings: temperatures, gaps between them, rates and forces."""
+"""Support of a model by readings: temperatures, gaps between them, rates and forces."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ FORCE_MARGIN_G = 0.1  # a polynomial of the input is as good a little beyond the
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Support:
-    """What the fitted readings cover.
+    """Range that the fitted readings cover.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Where the variance of a batch lies: accelerometers, runs, directions, positions, noise."""
+"""Variance components of a batch: accelerometers, runs, directions, positions, noise."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -50,7 +50,7 @@ class CurveSet:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Distance:
-    """How far the runs' curves lie apart.
+    """Distance between the runs' curves.
 
     Attributes
     ----------

@@ -111,7 +111,7 @@ class AccelerometerStability:
 
     @property
     def loops_differ(self) -> bool:
-        """Whether the loop of heating and cooling differs from run to run beyond chance."""
+        """True when the loop of heating and cooling differs from run to run beyond chance."""
         return self.loops is not None and self.loops.p_value < LOOPS_DIFFER
 
     def coefficient(self, name: str) -> CoefficientStability | None:
@@ -153,7 +153,7 @@ class Stability:
 
     @property
     def failed(self) -> bool:
-        """Whether an accelerometer fails."""
+        """True when an accelerometer fails."""
         return any(a.verdict == "fail" for a in self.accelerometers)
 
 

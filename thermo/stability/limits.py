@@ -23,28 +23,28 @@ class _Part(BaseModel):
 
 
 class CoefficientLimits(_Part):
-    """Of one coefficient, in the unit it is reported in."""
+    """Limits of one coefficient, in the unit it is reported in."""
 
     sigma_run: Positive | None = None
     max_minus_min: Positive | None = None
 
 
 class CurveLimits(_Part):
-    """Of the distance between the runs' K0 curves, µg."""
+    """Limits of the distance between the runs' K0 curves, µg."""
 
     rms: Positive | None = None
     max: Positive | None = None
 
 
 class GradeLimits(_Part):
-    """What a grade asks of K0 over temperature, µg: see `thermo.stability.shape.Shape`."""
+    """Limits of a grade for K0 over temperature, µg: see `thermo.stability.shape.Shape`."""
 
     spread_ug: Positive | None = None
     bend_ug: Positive | None = None
 
 
 class Between(_Part):
-    """What was done between two runs; None where it is not stated."""
+    """Handling between two runs; None where it is not stated."""
 
     after: str
     before: str | None = None
@@ -90,7 +90,7 @@ class Criterion:
 
     @property
     def verdict(self) -> Verdict:
-        """What the bounds say of the limit."""
+        """Verdict of the bounds on the limit."""
         if self.bounds[0] > self.limit:
             return "fail"
         return "pass" if self.bounds[1] <= self.limit else "undecided"
@@ -141,7 +141,7 @@ def grades_of(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Interval:
-    """What is known of the time between two runs that follow one another."""
+    """Interval between two runs that follow one another."""
 
     after: str
     before: str

@@ -1,4 +1,4 @@
-"""What of a batch cannot be compared, and what must be known of what can."""
+"""Notes on a batch: what cannot be compared, and what must be known of what can."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass

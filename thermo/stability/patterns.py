@@ -1,4 +1,4 @@
-"""What the runs of one accelerometer do over time: a step, one odd run, a loop in some runs only.
+"""Patterns of an accelerometer's runs over time: a step, one odd run, a loop in some runs only.
 
 A step or an odd run is sought by the contrast that explains most of the scatter of a coefficient.
 How much the best of them explains by chance does not depend on the size of the scatter, so its

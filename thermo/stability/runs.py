@@ -137,7 +137,7 @@ class RunByRun:
 
     @property
     def scale_fitted(self) -> bool:
-        """Whether µg are over the K1 of these runs; else over the nominal scale factor."""
+        """True when µg are over the K1 of these runs; else over the nominal scale factor."""
         return "k1" in self.joint.fit.names
 
 

@@ -24,7 +24,7 @@ Limits = tuple[float, float]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Shape:
-    """What is told of an accelerometer's K0 over temperature, µg.
+    """Figures of an accelerometer's K0 over temperature, µg.
 
     Attributes
     ----------

@@ -1,1 +1,1 @@
-"""What a fit's sigmas must allow for, and what it cannot know."""
+"""Contributions to a fit's sigmas, and what it cannot know."""

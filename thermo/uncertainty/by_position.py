@@ -1,4 +1,4 @@
-"""Whether a residual follows the position: misfit that white noise would not leave.
+"""Test of a residual for misfit by position, which white noise would not leave.
 
 At each position readings scatter about what the model gives. Where their means differ by more than
 that scatter, or change with temperature otherwise at one position than at others, a position is not

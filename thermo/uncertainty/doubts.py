@@ -1,4 +1,4 @@
-"""What a fit's estimates and sigmas do not say by themselves: extrapolation, gaps, what is left."""
+"""Doubts about a fit beside its estimates and sigmas: extrapolation, gaps, what is left."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -42,7 +42,7 @@ class Inside:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Doubts:
-    """What is to be known of a fit besides its coefficients.
+    """Doubts about one fit.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What an indexing head's own errors do to the estimates: they repeat, so no scatter shows them."""
+"""Effect of an indexing head's errors on the estimates: they repeat, so no scatter shows them."""
 
 from dataclasses import replace
 

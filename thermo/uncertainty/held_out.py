@@ -1,4 +1,4 @@
-"""How a model predicts runs that it was not fitted to."""
+"""Prediction error of a model on runs that it was not fitted to."""
 
 from collections.abc import Mapping
 

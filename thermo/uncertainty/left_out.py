@@ -1,4 +1,4 @@
-"""Whether the residual still follows something: what a fit's own numbers tell of what it lacks.
+"""Tests of the residual for factors that it still follows, from a fit's own numbers.
 
 Score tests (Rao 1948): an effect that is not in the model is projected on what the model leaves;
 its size and sigma follow without a second fit. The noise is the one estimated from the same

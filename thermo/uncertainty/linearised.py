@@ -88,7 +88,7 @@ class Linearised:
 
     @property
     def noise(self) -> NoiseModel:
-        """Of the readings, runs apart."""
+        """Noise of the readings, runs apart."""
         return self.fit.noise
 
     @property

@@ -1,4 +1,4 @@
-"""How well heating minus cooling is known: a median over cells that move together."""
+"""Sigma of heating minus cooling: a median over cells that move together."""
 
 from typing import Any
 

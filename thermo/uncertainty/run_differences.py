@@ -1,4 +1,4 @@
-"""What the runs differ by beyond noise and drift, in the covariance and in words."""
+"""Differences between runs beyond noise and drift, in the covariance and in words."""
 
 from dataclasses import dataclass, replace
 

@@ -1,4 +1,4 @@
-"""What polynomial orders that are not in a model may still do to its coefficients.
+"""Effect of polynomial orders that are not in a model on its coefficients.
 
 Readings choose the orders, and an order left out need not be zero: it may lie within its noise,
 and it moves its neighbours by many of their sigmas. So every order above the chosen ones is
@@ -150,7 +150,7 @@ def _there(line: Linearised, family: str, order: int, centre: float) -> dict[str
 
 
 class _Held:
-    """What a fit holds, and by turns the orders above it, each without those before.
+    """Regressors of a fit, and by turns the orders above it, each without those before.
 
     All are sums of the fit's columns, soaks at one temperature, and of the orders' effects: of
     these only the triangle is kept, and what is left of an effect as its factors.

@@ -66,7 +66,7 @@ Units = Mapping[str, EmulatedAccelerometer]
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class HiddenDemo:
-    """What the demonstration came to.
+    """Outcome of the demonstration.
 
     Attributes
     ----------
@@ -101,7 +101,7 @@ class HiddenDemo:
 
     @property
     def right(self) -> bool:
-        """Whether the accelerometer's effect alone was named, and of the others nothing."""
+        """True when the accelerometer's effect alone was named, and of the others nothing."""
         said = {d.serial: [e.name for e in d.effects] for d in self.verdicts if not d.alias_sets}
         others = [d for d in self.verdicts if d.serial != self.serial]
         return said.get(self.serial) == [self.effect] and all(

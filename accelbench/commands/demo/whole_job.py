@@ -33,7 +33,7 @@ Tell = Callable[[str], None]
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class DemoResult:
-    """What the demonstration made; `outcome` alone when its test did not finish."""
+    """Results of the demonstration; `outcome` alone when its test did not finish."""
 
     folder: Path
     outcome: TestOutcome

@@ -1,4 +1,4 @@
-"""What a fit's coefficients and sigmas do not say by themselves, a sentence each."""
+"""Doubts about a fit in words, a sentence each."""
 
 from collections.abc import Iterator, Sequence
 

@@ -47,7 +47,7 @@ CONVENTIONS = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReportExtras:
-    """What a report says besides the fits: the model file, further tables, further sentences."""
+    """Additions to a report beside the fits: the model file, further tables, further sentences."""
 
     model: ModelFile | None = None
     tables: tuple[ReportTable, ...] = ()

@@ -1,4 +1,4 @@
-"""What `accelbench run` tells of a test, as a document and in words."""
+"""Result of `accelbench run`, as a document and in words."""
 
 import shlex
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from thermo.station.uniformity import RampVerdict
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Afterwards:
-    """What was made of a test when it was over.
+    """Evaluation of a test when it was over.
 
     Attributes
     ----------
@@ -43,7 +43,7 @@ class Afterwards:
 
     @property
     def all_settled(self) -> bool:
-        """Whether every accelerometer of a run-in has settled; True when there was none."""
+        """True when every accelerometer of a run-in has settled; True when there was none."""
         return self.settled is None or (bool(self.settled) and all(v.settled for v in self.settled))
 
 
