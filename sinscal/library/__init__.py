@@ -5,12 +5,12 @@ the effects made of them. The library collects what its modules hold; a file of 
 member more, for as long as a command runs.
 """
 
-from collections.abc import Generator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 from errormodel.errors import InputError
+from errormodel.in_use import InUse
 from errormodel.io.python_file import PythonFile, Source, members_of
 from errormodel.terms import Description, Term
 from sinscal.library import accelerometer, angle, gyro, jump, lever
@@ -163,22 +163,8 @@ STANDARD = RigLibrary(
     effects=tuple(e for module in MODULES for e in module.EFFECTS),
     drifts=jump.DRIFTS,
 )
-_in_use = [STANDARD]
-
-
-def rig_library() -> RigLibrary:
-    """Return the library in use: the standard one, or one that `using_rig_library` has opened."""
-    return _in_use[-1]
-
-
-@contextmanager
-def using_rig_library(library: RigLibrary) -> Generator[RigLibrary]:
-    """Use a library until the end of the block: what a command does with a file of its user's."""
-    _in_use.append(library)
-    try:
-        yield library
-    finally:
-        _in_use.remove(library)
+rig_library = InUse(STANDARD)
+using_rig_library = rig_library.using
 
 
 def with_rig_file(file: PythonFile) -> RigLibrary:

@@ -5,13 +5,13 @@ sentences, the experiments that isolate them and an example for the emulator. Th
 what its modules hold; a file of a user's own is one member more, for as long as a command runs.
 """
 
-from collections.abc import Callable, Generator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import cast
 
 from errormodel.errors import InputError
+from errormodel.in_use import InUse
 from errormodel.io.python_file import PythonFile, Source, members_of
 from errormodel.terms import Description, Effect
 from thermo.library import head, lag, loop, passing, polynomial, rate, readout, static
@@ -110,22 +110,8 @@ STANDARD = ThermalLibrary(
     terms={name: make for module in MODULES for name, make in module.TERMS.items()},
     effects=tuple(e for module in MODULES for e in module.EFFECTS),
 )
-_in_use = [STANDARD]
-
-
-def thermal_library() -> ThermalLibrary:
-    """Return the library in use: the standard one, or one `using_thermal_library` has opened."""
-    return _in_use[-1]
-
-
-@contextmanager
-def using_thermal_library(library: ThermalLibrary) -> Generator[ThermalLibrary]:
-    """Use a library until the end of the block: what a command does with a file of its user's."""
-    _in_use.append(library)
-    try:
-        yield library
-    finally:
-        _in_use.remove(library)
+thermal_library = InUse(STANDARD)
+using_thermal_library = thermal_library.using
 
 
 def with_thermal_file(file: PythonFile) -> ThermalLibrary:

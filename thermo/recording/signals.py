@@ -6,8 +6,7 @@ column needs: recorded runs, the import's mapping, the store, the emulated stati
 figures ask this registry.
 """
 
-from collections.abc import Callable, Generator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -15,6 +14,7 @@ import numpy as np
 
 from errormodel.arrays import FloatArray, IntArray, constant, sealed
 from errormodel.errors import InputError
+from errormodel.in_use import InUse
 from errormodel.io.python_file import PythonFile, members_of
 
 # The slope of temperature is a straight line over this span, or over five readings if that is
@@ -252,27 +252,13 @@ STANDARD: tuple[Signal, ...] = (
         emulated=lambda at: at.temp_c,
     ),
 )
-_in_use: list[tuple[Signal, ...]] = [STANDARD]
-
-
-def signals() -> tuple[Signal, ...]:
-    """Return the signals in use: the standard ones, and those that `using_signals` has opened."""
-    return _in_use[-1]
+signals: InUse[tuple[Signal, ...]] = InUse(STANDARD)
+using_signals = signals.using
 
 
 def recorded_signals() -> tuple[Signal, ...]:
     """Return the signals that are columns of a recorded run beyond those every run may have."""
     return tuple(one for one in signals() if one.recorded)
-
-
-@contextmanager
-def using_signals(known: tuple[Signal, ...]) -> Generator[None]:
-    """Use some signals until the end of the block: what a command does with its user's file."""
-    _in_use.append(known)
-    try:
-        yield
-    finally:
-        _in_use.remove(known)
 
 
 def with_signal_file(file: PythonFile) -> tuple[Signal, ...]:
