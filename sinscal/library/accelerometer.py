@@ -12,11 +12,11 @@ from sinscal.library.groups import (
     ChannelId,
     Group,
     bias,
+    bias_by_temperature,
     effect_of,
     misalignment,
     needing,
     scale,
-    signal,
     term_of,
 )
 from sinscal.recording.run import AXES
@@ -40,13 +40,6 @@ def _delay(c: ChannelId) -> Term:
 
     sentence = "The accelerometer's readings are later than the gyros'."
     return term_of(name, sentence, [(name, f"τ{c.letter}", "s", late)])
-
-
-def _temperature_bias(c: ChannelId) -> Term:
-    name = f"accel_temperature_bias_{c.letter}"
-    sentence = "The constant error changes with temperature."
-    term = term_of(name, sentence, [(name, f"ΔfT{c.letter}", "m/s²/°C", signal("x_c"))])
-    return needing(term, "x_c")
 
 
 def _temperature_scale(c: ChannelId) -> Term:
@@ -108,7 +101,7 @@ DELAY = Group(
 TEMPERATURE_BIAS = Group(
     name="accel_temperature_bias",
     kinds=("accel",),
-    make=_temperature_bias,
+    make=bias_by_temperature("accel_temperature_bias", "ΔfT", "m/s²/°C"),
     prior_sigma=100e-6 * STANDARD_G,
     told=Told(unit="µg/°C", size=MICRO_G),
     formula="ΔfT·x",

@@ -252,6 +252,17 @@ def scale(c: ChannelId) -> Term:
     )
 
 
+def bias_by_temperature(name: str, symbol: str, unit: str) -> Callable[[ChannelId], Term]:
+    """Return the maker of a constant error's change with temperature."""
+
+    def make(c: ChannelId) -> Term:
+        own = f"{name}_{c.letter}"
+        part = (own, f"{symbol}{c.letter}", unit, signal("x_c"))
+        return needing(term_of(own, "The constant error changes with temperature.", [part]), "x_c")
+
+    return make
+
+
 def misalignment(c: ChannelId) -> Term | None:
     """Return the turns of a sensor's sensitive axis."""
     others = range(3) if c.kind == "gyro" else range(c.axis)

@@ -12,9 +12,9 @@ from sinscal.library.groups import (
     ChannelId,
     Group,
     bias,
+    bias_by_temperature,
     effect_of,
     misalignment,
-    needing,
     scale,
     signal,
     term_of,
@@ -35,13 +35,6 @@ def _asymmetry(c: ChannelId) -> Term:
     name = f"gyro_scale_asymmetry_{c.letter}"
     sentence = "The scale factor differs between turning one way and the other."
     return term_of(name, sentence, [(name, f"Θ±{c.letter}", "1", lambda r: np.abs(r[c.input]))])
-
-
-def _temperature_drift(c: ChannelId) -> Term:
-    name = f"gyro_temperature_drift_{c.letter}"
-    sentence = "The constant error changes with temperature."
-    term = term_of(name, sentence, [(name, f"νT{c.letter}", "rad/s/°C", signal("x_c"))])
-    return needing(term, "x_c")
 
 
 # Priors: the article's for what it estimates; for the rest, assumed values of navigation-grade
@@ -93,7 +86,7 @@ SCALE_ASYMMETRY = Group(
 TEMPERATURE_DRIFT = Group(
     name="gyro_temperature_drift",
     kinds=("gyro",),
-    make=_temperature_drift,
+    make=bias_by_temperature("gyro_temperature_drift", "νT", "rad/s/°C"),
     prior_sigma=0.05 * DEG_PER_H,
     told=Told(unit="°/h/°C", size=DEG_PER_H),
     formula="νT·x",

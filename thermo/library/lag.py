@@ -30,26 +30,32 @@ def _follow(
     return out
 
 
+def _lagging(record: Record, memory: Memory, taus_s: Sequence[float]) -> tuple[Record, Memory]:
+    """Return the record behind first-order lags in a row, and where each of them stands."""
+    changed: dict[str, FloatArray] = {}
+    after: dict[str, Memory] = {}
+    for signal in LAGGING:
+        if signal not in record.signals:
+            continue
+        pieces: list[FloatArray] = []
+        for index, readings in enumerate(record.run_slices):
+            time_s, x = record.time_s[readings], record[signal][readings]
+            before = memory[signal] if memory and index == 0 else None
+            last_t, *last = before or (float(time_s[0]), *(float(x[0]),) * (len(taus_s) + 1))
+            levels = [x]
+            for k, tau_s in enumerate(taus_s):
+                levels.append(_follow(time_s, levels[-1], tau_s, last_t, last[k], last[k + 1]))
+            after[signal] = tuple(float(v[-1]) for v in (time_s, *levels))
+            pieces.append(levels[-1])
+        changed[signal] = np.concatenate(pieces) if pieces else record[signal]
+    return record.with_signals(**changed), after
+
+
 def thermal_lag() -> InputChange:
     """Return the lag of the accelerometer's inside behind its thermistor."""
 
     def change(record: Record, values: Values, memory: Memory) -> tuple[Record, Memory]:
-        tau_s = values["thermal_lag"]
-        changed: dict[str, FloatArray] = {}
-        after: dict[str, Memory] = {}
-        for signal in LAGGING:
-            if signal not in record.signals:
-                continue
-            pieces: list[FloatArray] = []
-            for index, readings in enumerate(record.run_slices):
-                time_s, x = record.time_s[readings], record[signal][readings]
-                before = memory[signal] if memory and index == 0 else None
-                start = before or (float(time_s[0]), float(x[0]), float(x[0]))
-                inner = _follow(time_s, x, tau_s, *start)
-                after[signal] = (float(time_s[-1]), float(x[-1]), float(inner[-1]))
-                pieces.append(inner)
-            changed[signal] = np.concatenate(pieces) if pieces else record[signal]
-        return record.with_signals(**changed), after
+        return _lagging(record, memory, [values["thermal_lag"]])
 
     return InputChange(
         name="thermal_lag",
@@ -66,22 +72,7 @@ def thermal_lag_two_poles() -> InputChange:
     """Return a lag of two poles in a row: `thermal_lag` behind `thermal_lag_second`."""
 
     def change(record: Record, values: Values, memory: Memory) -> tuple[Record, Memory]:
-        changed: dict[str, FloatArray] = {}
-        after: dict[str, Memory] = {}
-        for signal in LAGGING:
-            if signal not in record.signals:
-                continue
-            pieces: list[FloatArray] = []
-            for index, readings in enumerate(record.run_slices):
-                time_s, x = record.time_s[readings], record[signal][readings]
-                before = memory[signal] if memory and index == 0 else None
-                t0, x0, y0, z0 = before or (float(time_s[0]), *(float(x[0]),) * 3)
-                inner = _follow(time_s, x, values["thermal_lag"], t0, x0, y0)
-                last = _follow(time_s, inner, values["thermal_lag_second"], t0, y0, z0)
-                after[signal] = tuple(float(v[-1]) for v in (time_s, x, inner, last))
-                pieces.append(last)
-            changed[signal] = np.concatenate(pieces) if pieces else record[signal]
-        return record.with_signals(**changed), after
+        return _lagging(record, memory, [values["thermal_lag"], values["thermal_lag_second"]])
 
     return InputChange(
         name="thermal_lag_two_poles",

@@ -4,6 +4,8 @@ Version 2 added `signals` and `schedule_marks`; before it marks were events, see
 `thermo.store.migration`.
 """
 
+from typing import Any
+
 import sqlalchemy as sa
 from sqlalchemy import event
 
@@ -43,14 +45,22 @@ runs = sa.Table(
     sa.Column("status", sa.String, nullable=False),
 )
 
+
+def _reading_key() -> tuple[sa.Column[Any], ...]:
+    """Return the columns that tell a reading from all others."""
+    return (
+        sa.Column("test_id", sa.String, primary_key=True),
+        sa.Column("run", sa.Integer, primary_key=True, autoincrement=False),
+        sa.Column("slot", sa.Integer, primary_key=True, autoincrement=False),
+        sa.Column("attempt", sa.Integer, primary_key=True, autoincrement=False),
+        sa.Column("serial", sa.String, primary_key=True),
+    )
+
+
 readings = sa.Table(
     "readings",
     metadata,
-    sa.Column("test_id", sa.String, primary_key=True),
-    sa.Column("run", sa.Integer, primary_key=True, autoincrement=False),
-    sa.Column("slot", sa.Integer, primary_key=True, autoincrement=False),
-    sa.Column("attempt", sa.Integer, primary_key=True, autoincrement=False),
-    sa.Column("serial", sa.String, primary_key=True),
+    *_reading_key(),
     sa.Column("segment", sa.Integer, nullable=False),
     sa.Column("time_s", sa.Double, nullable=False),
     sa.Column("temp_c", sa.Double),
@@ -67,11 +77,7 @@ readings = sa.Table(
 signals = sa.Table(
     "signals",
     metadata,
-    sa.Column("test_id", sa.String, primary_key=True),
-    sa.Column("run", sa.Integer, primary_key=True, autoincrement=False),
-    sa.Column("slot", sa.Integer, primary_key=True, autoincrement=False),
-    sa.Column("attempt", sa.Integer, primary_key=True, autoincrement=False),
-    sa.Column("serial", sa.String, primary_key=True),
+    *_reading_key(),
     sa.Column("name", sa.String, primary_key=True),
     sa.Column("value", sa.Double, nullable=False),
     sa.ForeignKeyConstraint(["test_id", "run"], ["runs.test_id", "runs.number"]),

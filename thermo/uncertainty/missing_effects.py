@@ -60,11 +60,13 @@ def missing_effects(line: Linearised, channel: Channel) -> Iterator[Missing]:
 
 def effects_that_hide(line: Linearised, channel: Channel) -> Iterator[Missing]:
     """Yield those that many tests cannot show, with `words`."""
-    if _moves(line):
+    moves = _moves(line)
+    loop = _loop(line) if moves else np.zeros(0)
+    if moves:
         yield Missing(
             name="bias_hysteresis",
             follows="the direction of the temperature",
-            column=_loop(line),
+            column=loop,
             words=f"a loop of the bias, {LOOP_WIDTH_C:.0f} °C wide",
         )
     if not channel.has_input:
@@ -86,7 +88,7 @@ def effects_that_hide(line: Linearised, channel: Channel) -> Iterator[Missing]:
             words="settling after each move",
         )
     )
-    if not _moves(line):
+    if not moves:
         return
     yield from _there(
         Missing(
@@ -100,7 +102,7 @@ def effects_that_hide(line: Linearised, channel: Channel) -> Iterator[Missing]:
         Missing(
             name="wide_scale_hysteresis",
             follows="a wide loop over the temperature times the input",
-            column=_loop(line) * a_i,
+            column=loop * a_i,
             words=f"a loop of the scale factor, {LOOP_WIDTH_C:.0f} °C wide",
         )
     )

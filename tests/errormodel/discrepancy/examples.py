@@ -1,6 +1,6 @@
 """A small problem that is linear in everything, for the engine alone."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,6 +22,32 @@ def time_base(runs: int = 3, n: int = 120, step_s: float = 60.0) -> TimeBase:
 def waves(base: TimeBase, cycles: float) -> np.ndarray:
     """Return a sine over each run, the same in all."""
     return np.sin(2 * np.pi * cycles * base.time_s / base.span_s)
+
+
+def problem_of(
+    base: TimeBase,
+    residual: np.ndarray,
+    columns: Mapping[str, np.ndarray],
+    joint: Collection[str] = (),
+) -> Problem:
+    """Return a problem whose candidates are columns, shape (n, k) each, under white noise."""
+    ones = np.ones((len(base), 1))
+    candidates = tuple(
+        Candidate(
+            name=name,
+            signature=lambda theta, c=c: Signature(columns=c),
+            joint=name in joint,
+        )
+        for name, c in columns.items()
+    )
+    return Problem(
+        times=base,
+        residual=residual,
+        base=ones,
+        candidates=candidates,
+        saturated=np.hstack([ones, *columns.values()]),
+        noise=NoiseModel(),
+    )
 
 
 def linear_problem(

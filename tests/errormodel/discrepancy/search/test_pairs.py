@@ -6,14 +6,14 @@ import pytest
 from errormodel.arrays import FloatArray
 from errormodel.discrepancy.nulls import NullDistributions as Nulls
 from errormodel.discrepancy.nulls import simulate_nulls
-from errormodel.discrepancy.problem import Candidate, Problem, Signature
+from errormodel.discrepancy.problem import Problem
 from errormodel.discrepancy.scan import View
 from errormodel.discrepancy.search.choices import Rules
 from errormodel.discrepancy.search.pairs import best_pair
 from errormodel.discrepancy.search.state import SearchTask
 from errormodel.discrepancy.search.steps import search
 from errormodel.noise.model import NoiseModel, given_noise
-from tests.errormodel.discrepancy.examples import LinearSource, time_base, waves
+from tests.errormodel.discrepancy.examples import LinearSource, problem_of, time_base, waves
 
 BASE = time_base()
 FLOOR = given_noise(NoiseModel())
@@ -24,20 +24,8 @@ THIRD = LITTLE + 0.5 * waves(BASE, 7.0)
 
 
 def problem(residual: FloatArray) -> Problem:
-    ones = np.ones((len(BASE), 1))
     columns = {"one": ONE, "other": OTHER, "third": THIRD}
-    candidates = tuple(
-        Candidate(name=name, signature=lambda theta, c=c: Signature(columns=c[:, None]))
-        for name, c in columns.items()
-    )
-    return Problem(
-        times=BASE,
-        residual=residual,
-        base=ones,
-        candidates=candidates,
-        saturated=np.column_stack([ones, *columns.values()]),
-        noise=NoiseModel(),
-    )
+    return problem_of(BASE, residual, {name: c[:, None] for name, c in columns.items()})
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,7 @@ from errormodel.discrepancy.search.several import joint_block, search_all
 from errormodel.discrepancy.search.state import SearchTask
 from errormodel.discrepancy.search.steps import search
 from errormodel.noise.model import NoiseModel, given_noise
-from tests.errormodel.discrepancy.examples import LinearSource, time_base, waves
+from tests.errormodel.discrepancy.examples import LinearSource, problem_of, time_base, waves
 
 BASE = time_base()
 FLOOR = given_noise(NoiseModel())
@@ -25,24 +25,8 @@ ONE = Rules(most=1)
 
 
 def problem(residual: FloatArray) -> Problem:
-    ones = np.ones((len(BASE), 1))
     columns = {**{name: c[:, None] for name, c in TERMS.items()}, "cause": CAUSE}
-    candidates = tuple(
-        Candidate(
-            name=name,
-            signature=lambda theta, c=c: Signature(columns=c),
-            joint=name in TERMS,
-        )
-        for name, c in columns.items()
-    )
-    return Problem(
-        times=BASE,
-        residual=residual,
-        base=ones,
-        candidates=candidates,
-        saturated=np.hstack([ones, *columns.values()]),
-        noise=NoiseModel(),
-    )
+    return problem_of(BASE, residual, columns, joint=TERMS)
 
 
 @pytest.fixture(scope="module")
