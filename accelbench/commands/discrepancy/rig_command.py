@@ -1,25 +1,13 @@
 """`accelbench discrepancy rig`: the effect that the rig filter's model lacks."""
 
 from pathlib import Path
+from typing import Any
 
 import click
 
-from accelbench.commands.discrepancy.options import REPORT, RUNS, SEED, tell
-from accelbench.commands.discrepancy.rig_text import enlarged, rig_document, rig_text
+from accelbench.commands.discrepancy.options import REPORT, RUNS, SEED
 from accelbench.shell.library import library_option
-from accelbench.shell.outputs import (
-    Results,
-    check_results,
-    force_option,
-    json_option,
-    with_sidecars,
-)
-from sinscal.discrepancy.find import RigDiscrepancy, find_rig_discrepancy
-from sinscal.library import rig_library
-from sinscal.model.larger_model import read_rig_model, rig_model_toml
-from sinscal.recording.files import read_rig_run
-from sinscal.recording.join import join_runs
-from sinscal.recording.run import RigRun
+from accelbench.shell.outputs import force_option, json_option
 
 
 @click.command("rig")
@@ -31,39 +19,12 @@ from sinscal.recording.run import RigRun
 @force_option
 @library_option("--effects")
 @json_option
-def discrepancy_rig(
-    files: tuple[Path, ...],
-    model: Path | None,
-    out: Path | None,
-    report: Path | None,
-    seed: int,
-    force: bool,
-    as_json: bool,
-) -> None:
+def discrepancy_rig(**given: Any) -> None:
     """Find where a rig run and the filter's model disagree, and name the effect that is missing.
 
     Several files hold cycles that follow one another. Without --model the present model has biases,
     scale errors and misalignments. In Python: accelbench.rig.discrepancy.
     """
-    inputs = [*with_sidecars(list(files)), *([model] if model else [])]
-    check_results(out, report, inputs, force=force)
-    present = read_rig_model(model) if model else None
-    run = join_runs([read_rig_run(f) for f in files])
-    found = find_rig_discrepancy(run, present=present, seed=seed, tell=tell)
-    results = Results(rig_document(found), list(rig_text(found)))
-    results.add_file("larger model", out, lambda: _larger_model(found))
-    results.add_report(report, lambda: _pages(found, run))
-    results.write(as_json=as_json)
+    from accelbench.commands.discrepancy.rig_work import discrepancy_rig as work
 
-
-def _larger_model(found: RigDiscrepancy) -> str:
-    sentences = {e.name: e.sentence for e in rig_library().effects}
-    return rig_model_toml(enlarged(found), sentences)
-
-
-def _pages(found: RigDiscrepancy, run: RigRun) -> dict[str, bytes]:
-    from accelbench.commands.discrepancy.rig_page import (
-        render_rig_discrepancy,  # matplotlib takes its second
-    )
-
-    return render_rig_discrepancy(found, run)
+    work(**given)

@@ -1,31 +1,14 @@
 """`accelbench discrepancy thermal`: the effect that an accelerometer's model lacks."""
 
-from collections.abc import Sequence
 from pathlib import Path
-from typing import Literal
+from typing import Any
 
 import click
 
-from accelbench.commands.discrepancy.larger_model import model_files, model_lines, model_paths
-from accelbench.commands.discrepancy.options import REPORT, RUNS, SEED, tell
-from accelbench.commands.discrepancy.text import discrepancy_document, discrepancy_text
-from accelbench.shell.inputs import add_reading_counts, read_with_doubts, trust_option
+from accelbench.commands.discrepancy.options import REPORT, RUNS, SEED
+from accelbench.shell.inputs import trust_option
 from accelbench.shell.library import library_option
-from accelbench.shell.outputs import (
-    Results,
-    check_results,
-    checked_output,
-    force_option,
-    json_option,
-    with_sidecars,
-)
-from thermo.compensation.model_file import read_model
-from thermo.discrepancy.find import Discrepancy, find_discrepancy
-from thermo.fitting.fit import TermsFile, read_terms
-from thermo.recording.files import RecordedRuns
-
-BARE = Path("bare")  # no file: k0 and k1, each quadratic in temperature
-NO_EXPERIMENT = "nothing is open that an experiment would settle: none written"
+from accelbench.shell.outputs import force_option, json_option
 
 
 @click.command("thermal")
@@ -48,67 +31,12 @@ NO_EXPERIMENT = "nothing is open that an experiment would settle: none written"
 @force_option
 @library_option("--effects")
 @json_option
-def discrepancy_thermal(
-    files: tuple[Path, ...],
-    model: Path | None,
-    out: Path | None,
-    report: Path | None,
-    experiment_out: Path | None,
-    seed: int,
-    workers: int,
-    trust_units: bool,
-    force: bool,
-    as_json: bool,
-) -> int:
+def discrepancy_thermal(**given: Any) -> int:
     """Find where runs and model disagree, and name the effect that is missing.
 
     Without --model the present model is the equation that fit would choose, with --model bare k0
     and k1, each quadratic in temperature. In Python: accelbench.discrepancy.
     """
-    given = [p for p in (model,) if p and p != BARE]
-    inputs = [*with_sidecars(list(files)), *given]
-    for path in (p for p in (out, experiment_out) if p):
-        checked_output(path, inputs, force=force)
-    check_results(None, report, [], force=force)
-    runs, doubts = read_with_doubts(list(files), trust_units=trust_units)
-    for path in model_paths(out, len(runs.serials))[1:] if out is not None else ():
-        checked_output(path, inputs, force=force)
-    found = find_discrepancy(runs, model=_present(model), seed=seed, workers=workers, tell=tell)
-    results = Results(discrepancy_document(found), [*discrepancy_text(found), *doubts])
-    add_reading_counts(results.document, runs, doubts)
-    if out is not None:
-        results.add_files("out", out, model_files(runs, found, out), model_lines(found, out))
-    if experiment_out is not None:
-        proposed = _experiment_file(found, experiment_out)
-        line = f"experiment: {experiment_out}" if proposed else NO_EXPERIMENT
-        results.add_files("experiment_out", experiment_out, proposed, [line])
-    results.add_report(report, lambda: _pages(found, runs))
-    results.write(as_json=as_json)
-    return 1 if doubts else 0
+    from accelbench.commands.discrepancy.thermal_work import discrepancy_thermal as work
 
-
-def _present(path: Path | None) -> TermsFile | Literal["bare"] | None:
-    """Read the present model: a list of terms, or the terms of a fitted model."""
-    if path is None:
-        return None
-    if path == BARE:
-        return "bare"
-    if path.suffix.lower() != ".json":
-        return read_terms(path)
-    first = read_model(path).accelerometers[0]
-    return TermsFile(terms=first.terms, t_ref_c=first.t_ref_c)
-
-
-def _experiment_file(found: Sequence[Discrepancy], path: Path) -> list[tuple[Path, bytes]]:
-    """Return the experiment of an alias set, else the first there is."""
-    open_first = sorted(found, key=lambda d: d.verdict != "alias")
-    proposed = [d.experiment for d in open_first if d.experiment and d.experiment.sequence]
-    return [(path, proposed[0].toml().encode())] if proposed else []
-
-
-def _pages(found: Sequence[Discrepancy], runs: RecordedRuns) -> dict[str, bytes]:
-    from accelbench.commands.discrepancy.page import (
-        render_discrepancy,  # matplotlib takes its second
-    )
-
-    return render_discrepancy(found, runs)
+    return work(**given)
