@@ -31,9 +31,11 @@ class EffectTest:
         Of the most probable shape.
     p_value : float
         Over all shapes tried.
+    likelihood : float
+        By how much the effect of that shape raises the log likelihood, its size drawn and not
+        fitted.
     evidence : float
-        By how much the effect raises the log likelihood, its size drawn and not fitted, in the
-        mean over all shapes tried.
+        The same in the mean over all shapes tried.
     scale : float
         Its size, in sigmas of what is expected.
     theta : tuple of float
@@ -46,6 +48,7 @@ class EffectTest:
     chi2: float
     dof: int
     p_value: float
+    likelihood: float
     evidence: float
     scale: float
     theta: Theta

@@ -6,9 +6,12 @@ the names together, they are withdrawn, and where it is about as probable it joi
 
 from dataclasses import replace
 
+import numpy as np
+
 from errormodel.discrepancy.gate import Judgement
 from errormodel.discrepancy.search.state import SearchState, Slot
 from sinscal.calibration.effect_tests import EffectTest
+from sinscal.library import rig_library
 from sinscal.sensitivity.drift import Drift, drift_of
 from sinscal.sensitivity.problem import FilterProblem
 from sinscal.sensitivity.views import effect_views, tested_effects
@@ -30,29 +33,39 @@ def against_drift(
     result : SearchState
     """
     tests = tested_effects(effect_views(before.run, before.found, before.cycles), 1.0)
-    shown = [t for t in tests.missing if drift_of(t, before.run.length_s)]
-    if not shown:
-        return verdict, result, None
-    drift = drift_of(shown[0], before.run.length_s)
     if not verdict.names_stand:
-        return verdict, result, drift if shown[0] == tests.missing[0] else None
+        first = drift_of(tests.missing[0], before.run.length_s) if tests.missing else None
+        return verdict, result, first
+    # What was named explains as much as a drift may, so this need not be shown by itself.
+    rival = next((t for t in tests.tests if drift_of(t, before.run.length_s)), None)
+    if rival is None:
+        return verdict, result, None
     single = {t.name: t for t in tests.tests}
-    named = sum(_evidence(slot, single) for slot in result.slots)
-    ahead = shown[0].evidence - named
+    ahead = rival.evidence - sum(_evidence(before, slot, single) for slot in result.slots)
     if ahead < -UNDECIDED:
         return verdict, result, None
+    drift = drift_of(rival, before.run.length_s)
     if ahead > UNDECIDED:
         return replace(verdict, verdict="unexplained_noise"), result, drift
     strongest, *others = sorted(result.slots, key=lambda s: -s.gain)
-    open_slot = replace(strongest, alias=(*strongest.alias, shown[0].name))
+    open_slot = replace(strongest, alias=(*strongest.alias, rival.name))
     result = replace(result, slots=(open_slot, *others))
     return replace(verdict, verdict="alias"), result, drift
 
 
-def _evidence(slot: Slot, single: dict[str, EffectTest]) -> float:
+def _evidence(before: FilterProblem, slot: Slot, single: dict[str, EffectTest]) -> float:
     """Return the evidence of a named effect beside the others.
 
-    The chi-square explained is the search's; the cost of its parameters is that of it alone.
+    The chi-square explained is the search's; the cost of its parameters is that of it alone. The
+    search tries many times of a jump: the likelihood's mean over the run is its peak times its
+    width over the run's length (Laplace).
     """
     alone = single.get(slot.choice.name)
-    return 0.5 * slot.gain - (0.5 * alone.chi2 - alone.evidence if alone else 0.0)
+    if alone is None:
+        return 0.5 * slot.gain
+    effect = rig_library().by_name[slot.choice.name]
+    if not effect.step:
+        return 0.5 * slot.gain - (0.5 * alone.chi2 - alone.evidence)
+    width_s = np.sqrt(2.0 * np.pi) * before.time_sigma_s(effect, slot.choice.theta)
+    cost = -np.log(min(1.0, width_s / before.run.length_s))
+    return 0.5 * slot.gain - (0.5 * alone.chi2 - alone.likelihood) - float(cost)

@@ -236,6 +236,7 @@ def _tested(name: str, shapes: Sequence[EffectView], variance: float) -> EffectT
         chi2=best.chi2 / variance,
         dof=best.dof,
         p_value=min(1.0, len(shapes) * min(p_values)),
+        likelihood=float(most[k]),
         evidence=float(logsumexp(most)) - np.log(len(shapes)),
         scale=float(SCALES[np.argmax(likelihood[k])]),
         theta=best.theta,
