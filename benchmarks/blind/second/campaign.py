@@ -5,6 +5,7 @@ accelerometer follows the fixture. So the rate of the case's temperature is no m
 case, as it would be with one pole alone.
 """
 
+import itertools
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -165,7 +166,7 @@ def _programme(p: Protocol, run: int) -> Floats:
     per_step = p.rates_c_per_min[run] * STEP_S / 60
     hold = np.full(max(1, round(p.hold_s / STEP_S)), 1.0)
     parts = [points[0] * hold]
-    for start, end in zip(points, points[1:], strict=False):
+    for start, end in itertools.pairwise(points):
         n = max(1, round(abs(end - start) / per_step))
         parts += [np.linspace(start, end, n + 1)[1:], end * hold]
     return np.concatenate(parts)

@@ -174,9 +174,7 @@ def _key(truth: Truth, number: int, carrier: int, columns: tuple[str, ...]) -> d
             {
                 "serial": f"A{k + 1}",
                 "carrier": k == carrier,
-                "hidden": [
-                    e for e in effects if k == carrier or e["name"] in library.SHARED
-                ],
+                "hidden": [e for e in effects if k == carrier or e["name"] in library.SHARED],
             }
             for k in range(number)
         ],

@@ -15,7 +15,7 @@ from benchmarks.blind.second.campaign import Campaign
 Floats = NDArray[np.float64]
 Drawn = tuple[Floats, dict[str, float]]
 
-NAMES = (
+NAMES: tuple[str, ...] = (
     "bias_temperature_order",
     "scale_temperature_order",
     "second_order",

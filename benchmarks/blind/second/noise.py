@@ -65,10 +65,7 @@ def white_sigma(noise: Noise, slope_ug_per_c: Floats) -> Floats:
 def draw_readings(noise: Noise, hours: Floats, run: NDArray[np.int64], rng: np.random.Generator):
     """Return what the noise adds to the readings but for counts and thermistor, µg: white, slow."""
     n = len(hours)
-    if noise.heavy_tails:
-        white = rng.standard_t(3, n) / np.sqrt(3)
-    else:
-        white = rng.standard_normal(n)
+    white = rng.standard_t(3, n) / np.sqrt(3) if noise.heavy_tails else rng.standard_normal(n)
     slow = np.zeros(n)
     for tau in FLICKER_TAUS_S if noise.flicker_ug else ():
         keep = np.exp(-np.diff(hours, prepend=hours[0]) * 3600 / tau)

@@ -160,14 +160,10 @@ KINDS: dict[str, Outside] = {
     ),
     "working_hours": Outside(factors=("hour",), make=_working_hours, needs={"runs": (4, 6, 8)}),
     "sine_in_temperature": Outside(factors=("temperature",), make=_sine, names=("period",)),
-    "supply": Outside(
-        factors=("supply_v",), make=_supply, names=("supply",), column="supply_v"
-    ),
+    "supply": Outside(factors=("supply_v",), make=_supply, names=("supply",), column="supply_v"),
     "bump": Outside(factors=("temperature",), make=_bump, names=("bump",)),
     "step_in_one_direction": Outside(factors=("temperature", "direction"), make=_heating_step),
-    "position_before": Outside(
-        factors=("position_before",), make=_position_before, needs=MOVES
-    ),
+    "position_before": Outside(factors=("position_before",), make=_position_before, needs=MOVES),
     "since_ramp_change": Outside(factors=("since_ramp_change",), make=_since_ramp),
     "turning_temperature": Outside(
         factors=("turning_temperature",), make=_turning, needs={"style": ("inner",)}

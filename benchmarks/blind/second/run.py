@@ -86,8 +86,10 @@ def ask(seed: int, program: Path, work: Path) -> dict[str, Any]:
     return {"seed": seed, "key": key, "answer": answer, "unseen_ug": off}
 
 
-def _unseen_ug(folder: Path, keys: Path, program: Path, key: dict[str, Any]) -> float | None:
-    """Return the rms of what the larger model leaves on the unseen run; None without one."""
+def _unseen_ug(
+    folder: Path, keys: Path, program: Path, key: dict[str, Any]
+) -> dict[str, float] | None:
+    """Return what the larger model leaves on the unseen run, `rms` and `mean`; None without one."""
     carrier = next(k for k, a in enumerate(key["accelerometers"]) if a["carrier"])
     of_its_own = folder / f"larger-{carrier + 1}.json"
     model = of_its_own if of_its_own.exists() else folder / "larger.json"
@@ -108,7 +110,8 @@ def _unseen_ug(folder: Path, keys: Path, program: Path, key: dict[str, Any]) -> 
         return None
     told = np.array([float(r["accel_compensated_g"]) for r in rows])
     angle = np.radians([float(r["position_deg"]) for r in rows])
-    return float(1e6 * np.sqrt(np.mean((told - np.sin(angle)) ** 2)))
+    off = 1e6 * (told - np.sin(angle))
+    return {"rms": float(np.sqrt(np.mean(off**2))), "mean": float(off.mean())}
 
 
 def answered(out: Path) -> set[int]:
@@ -119,9 +122,13 @@ def answered(out: Path) -> set[int]:
 
 
 def run(seeds: Sequence[int], out: Path, *, workers: int = 1, program: Path = ROOT) -> None:
-    """Ask about all seeds that are not answered; a record a line, as they come."""
+    """Ask about all seeds that are not answered; a record a line, as they come.
+
+    They are asked in a shuffled order, so that what is answered in a limited time is of all kinds.
+    """
     there = answered(out)
-    missing = [seed for seed in seeds if seed not in there]
+    shuffled = np.random.default_rng(0).permutation(seeds).tolist()
+    missing = [seed for seed in shuffled if seed not in there]
     out.parent.mkdir(parents=True, exist_ok=True)
     with (
         tempfile.TemporaryDirectory() as work,

@@ -42,15 +42,39 @@ class Hidden:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Truth:
-    """A set before its noise is drawn."""
+class Drawn:
+    """An effect before its size is known: its column for a size of one."""
 
-    seed: int
-    group: str
+    name: str
+    unit: Floats
+    parameters: dict[str, float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Scene:
+    """A campaign, the accelerometer in it, and how noisy it is."""
+
     campaign: Campaign
     accelerometer: Accelerometer
     noise: Noise
     kept: NDArray[np.bool_]  # readings that are good and written; the unseen run is none of them
+
+    def strengths(self, columns: Floats) -> Floats:
+        """Return columns whitened, less what the present model takes, shape (n kept, p)."""
+        c, acc, kept = self.campaign, self.accelerometer, self.kept
+        sigma = white_sigma(self.noise, acc.slope_ug_per_c(c))[kept]
+        model = acc.columns(c)[kept]
+        both = np.hstack([model, columns[kept]])
+        white = whiten(self.noise, sigma, c["elapsed_h"][kept], c.run[kept], both)
+        return project_out(white[:, model.shape[1] :], white[:, : model.shape[1]])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Truth(Scene):
+    """A set before its noise is drawn."""
+
+    seed: int
+    group: str
     hidden: tuple[Hidden, ...]
 
 
@@ -66,23 +90,33 @@ def make_truth(seed: int) -> Truth:
 def _try(seed: int, rng: np.random.Generator) -> Truth | None:
     group = group_of(seed)
     names = _names(seed, rng)
-    needs: dict[str, tuple[object, ...]] = {}
-    for name in sorted(names, key=outside.KINDS.__contains__):  # the outside effect's needs go first
-        kind = outside.KINDS.get(name)
-        needs.update(kind.needs if kind else library.NEEDS.get(name, {}))
-    fixed = {name: values[int(rng.integers(len(values)))] for name, values in needs.items()}
-    c = make_campaign(draw_protocol(rng, **fixed), rng)
+    c = make_campaign(draw_protocol(rng, **_fixed(names, rng)), rng)
     acc, noise = draw_accelerometer(rng, c, names), draw_noise(rng)
-    kept = _kept(c, noise, rng)
+    scene = Scene(campaign=c, accelerometer=acc, noise=noise, kept=_kept(c, noise, rng))
     drawn = [_draw(name, c, acc, rng) for name in names]
-    low = [np.log(20 if n in outside.KINDS or group == "outside" else 5) for n in names]
-    targets = [float(np.exp(rng.uniform(lo, np.log(200)))) for lo in low]
-    hidden = _sized(c, acc, noise, kept, names, drawn, targets) if names else ()
+    least = 20 if group == "outside" else 5
+    targets = [float(np.exp(rng.uniform(np.log(least), np.log(200)))) for _ in names]
+    hidden = _sized(scene, drawn, targets) if names else ()
     if hidden is None or not all(_decidable(h) for h in hidden):
         return None
     return Truth(
-        seed=seed, group=group, campaign=c, accelerometer=acc, noise=noise, kept=kept, hidden=hidden
+        seed=seed,
+        group=group,
+        campaign=c,
+        accelerometer=acc,
+        noise=noise,
+        kept=scene.kept,
+        hidden=hidden,
     )
+
+
+def _fixed(names: tuple[str, ...], rng: np.random.Generator) -> dict[str, object]:
+    """Return what of the protocol the effects ask for; an outside effect's needs prevail."""
+    needs: dict[str, tuple[object, ...]] = {}
+    for name in sorted(names, key=outside.KINDS.__contains__):
+        kind = outside.KINDS.get(name)
+        needs.update(kind.needs if kind else library.NEEDS.get(name, {}))
+    return {name: values[int(rng.integers(len(values)))] for name, values in needs.items()}
 
 
 def _names(seed: int, rng: np.random.Generator) -> tuple[str, ...]:
@@ -93,10 +127,10 @@ def _names(seed: int, rng: np.random.Generator) -> tuple[str, ...]:
     return first, str(rng.choice(others))
 
 
-def _draw(name: str, c: Campaign, acc: Accelerometer, rng: np.random.Generator) -> library.Drawn:
-    if name in outside.KINDS:
-        return outside.KINDS[name].make(c, rng)
-    return library.draw(name, c, acc, rng)
+def _draw(name: str, c: Campaign, acc: Accelerometer, rng: np.random.Generator) -> Drawn:
+    kind = outside.KINDS.get(name)
+    unit, parameters = kind.make(c, rng) if kind else library.draw(name, c, acc, rng)
+    return Drawn(name=name, unit=unit, parameters=parameters)
 
 
 def _kept(c: Campaign, noise: Noise, rng: np.random.Generator) -> NDArray[np.bool_]:
@@ -109,79 +143,71 @@ def _kept(c: Campaign, noise: Noise, rng: np.random.Generator) -> NDArray[np.boo
     return kept
 
 
-def strengths(
-    c: Campaign, acc: Accelerometer, noise: Noise, kept: NDArray[np.bool_], columns: Floats
-) -> Floats:
-    """Return columns whitened, less what the present model takes of them, shape (n kept, p)."""
-    sigma = white_sigma(noise, acc.slope_ug_per_c(c))[kept]
-    model = acc.columns(c)[kept]
-    both = np.hstack([model, columns[kept]])
-    white = whiten(noise, sigma, c["elapsed_h"][kept], c.run[kept], both)
-    return project_out(white[:, model.shape[1] :], white[:, : model.shape[1]])
-
-
-def _sized(
-    c: Campaign,
-    acc: Accelerometer,
-    noise: Noise,
-    kept: NDArray[np.bool_],
-    names: tuple[str, ...],
-    drawn: list[library.Drawn],
-    targets: list[float],
-) -> tuple[Hidden, ...] | None:
+def _sized(scene: Scene, drawn: list[Drawn], targets: list[float]) -> tuple[Hidden, ...] | None:
     """Give each effect the size of its strength; None where that would be too large."""
-    rivals = library.rivals(c, acc) if any(n in outside.KINDS for n in names) else {}
-    widths = [(name, part) for name, parts in rivals.items() for part in parts]
-    columns = [_lag_columns(c, acc) if n == "thermal_lag" else u[:, None]
-               for n, (u, _) in zip(names, drawn, strict=True)]  # fmt: skip
-    white = strengths(
-        c, acc, noise, kept, np.hstack([*columns, *(part for _, part in widths)])
-    )
-    found, at = [], 0
-    for name, (unit, said), column, target in zip(names, drawn, columns, targets, strict=True):
-        length = np.linalg.norm(white[:, at : at + column.shape[1]], axis=0)
+    c, acc = scene.campaign, scene.accelerometer
+    strange = any(d.name in outside.KINDS for d in drawn)
+    rivals = [
+        (name, part)
+        for name, parts in (library.rivals(c, acc) if strange else {}).items()
+        for part in parts
+    ]
+    trial = [_lag_columns(c, acc) if d.name == "thermal_lag" else d.unit[:, None] for d in drawn]
+    white = scene.strengths(np.hstack([*trial, *(part for _, part in rivals)]))
+    sizes, at = [], 0
+    for one, column, target in zip(drawn, trial, targets, strict=True):
+        lengths = np.linalg.norm(white[:, at : at + column.shape[1]], axis=0)
+        sizes.append(_size(one, lengths, target))
         at += column.shape[1]
-        if name == "thermal_lag":
-            if not length[0] < target < length[-1]:
-                return None
-            tau = float(np.exp(np.interp(np.log(target), np.log(length), np.log(LAGS_S))))
-            found.append((tau, acc.lagged_ug(c, library.inner_x(c, tau)), {"tau_s": tau}))
-        else:
-            if length[0] < 1e-9 * max(np.linalg.norm(unit), 1e-300):
-                return None
-            size = target / length[0]
-            found.append((size, size * unit, said))
-        if np.sqrt(np.mean(found[-1][1][kept] ** 2)) > MOST_UG:
-            return None
-    effects = np.column_stack([column for _, column, _ in found])
-    final = strengths(c, acc, noise, kept, effects)
-    shares = _shares(final, white[:, at:], widths) if rivals else {}
-    out = []
-    for k, (name, (size, column, said)) in enumerate(zip(names, found, strict=True)):
+    if 0.0 in sizes:
+        return None
+    effects = np.column_stack([_column(scene, d, s) for d, s in zip(drawn, sizes, strict=True)])
+    if np.sqrt(np.mean(effects[scene.kept] ** 2, axis=0)).max() > MOST_UG:
+        return None
+    final = scene.strengths(effects)
+    shares = _shares(final, white[:, at:], rivals) if strange else {}
+    hidden = []
+    for k, one in enumerate(drawn):
         others = np.delete(final, k, axis=1)
         rest = project_out(final[:, [k]], others) if others.shape[1] else final[:, [k]]
-        out.append(
+        hidden.append(
             Hidden(
-                name=name,
-                outside=name in outside.KINDS,
-                column=column,
-                size=size,
-                parameters=said,
+                name=one.name,
+                outside=one.name in outside.KINDS,
+                column=effects[:, k],
+                size=sizes[k],
+                parameters={"tau_s": sizes[k]} if one.name == "thermal_lag" else one.parameters,
                 d=float(np.linalg.norm(final[:, k])),
                 d_beside=float(np.linalg.norm(rest)),
-                shares=shares if name in outside.KINDS else {},
+                shares=shares if one.name in outside.KINDS else {},
             )
         )
-    return tuple(out)
+    return tuple(hidden)
+
+
+def _size(one: Drawn, lengths: Floats, target: float) -> float:
+    """Return the size of a strength, 0 where there is none; of a lag its time constant."""
+    if one.name == "thermal_lag":
+        if not lengths[0] < target < lengths[-1]:
+            return 0.0
+        return float(np.exp(np.interp(np.log(target), np.log(lengths), np.log(LAGS_S))))
+    if lengths[0] < 1e-9 * max(float(np.linalg.norm(one.unit)), 1e-300):
+        return 0.0
+    return float(target / lengths[0])
+
+
+def _column(scene: Scene, one: Drawn, size: float) -> Floats:
+    if one.name == "thermal_lag":
+        c = scene.campaign
+        return scene.accelerometer.lagged_ug(c, library.inner_x(c, size))
+    return size * one.unit
 
 
 def _lag_columns(c: Campaign, acc: Accelerometer) -> Floats:
     return np.column_stack([acc.lagged_ug(c, library.inner_x(c, s)) for s in LAGS_S])
 
 
-def _shares(
-    final: Floats, rivals: Floats, widths: list[tuple[str, Floats]]
-) -> dict[str, float]:
+def _shares(final: Floats, rivals: Floats, widths: list[tuple[str, Floats]]) -> dict[str, float]:
     """Share of the first effect's square that each library name alone can explain."""
     target, shares, at = final[:, [0]], dict.fromkeys(library.NAMES, 0.0), 0
     total = float(np.sum(target**2))
