@@ -37,7 +37,10 @@ def names(d: Discrepancy) -> set[str]:
     return {e.name for e in d.effects} | {n for s in d.alias_sets for n in s}
 
 
-@pytest.mark.parametrize("name", SINGLE)
+@pytest.mark.parametrize(
+    "name",
+    ["bias_hysteresis", *(pytest.param(n, marks=pytest.mark.slow) for n in list(SINGLE)[1:])],
+)
 def test_a_hidden_effect_is_named_with_its_size(name: str) -> None:
     hidden, parameter, truth = SINGLE[name]
     d = found(1, hidden)
@@ -74,6 +77,7 @@ def test_the_squared_term_and_a_readout_with_two_gains_are_one_alias_set_at_four
     assert (d.experiment.d_after or 0.0) > 3.0
 
 
+@pytest.mark.slow  # the kind is below: a squared term and two gains
 def test_a_misalignment_and_a_heads_harmonics_are_one_alias_set_at_eight_positions() -> None:
     """At multiples of 45° a head's second to fourth harmonics make cos θ: no size tells them."""
     d = found(1, {"cross": 4.0}, "bare", every_45=True)

@@ -75,12 +75,14 @@ def spoiled(hidden: str, kind: str, seed: int) -> pd.DataFrame:
     return frame
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(
+    "kind", ["burst", *(pytest.param(k, marks=pytest.mark.slow) for k in KINDS if k != "burst")]
+)
 def test_spoiled_rows_hide_no_effect(kind: str, tmp_path: Path) -> None:
     assert verdict(spoiled("loop", kind, 1), tmp_path, QUICK) == ("named", ["bias_hysteresis"], [])
 
 
-@pytest.mark.parametrize("kind", ["warm", "burst"])
+@pytest.mark.parametrize("kind", ["warm", pytest.param("burst", marks=pytest.mark.slow)])
 def test_spoiled_rows_make_no_effect(kind: str, tmp_path: Path) -> None:
     assert verdict(spoiled("", kind, 2), tmp_path, QUICK) == ("nothing", [], [])
 

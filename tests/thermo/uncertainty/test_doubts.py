@@ -48,7 +48,9 @@ def error_ug(setup: Setup, one: AccelerometerFit, seed: int) -> tuple[np.ndarray
 # ---- one scale ----
 
 
-@pytest.mark.parametrize("share", [0.55, 0.9, 1.9])
+@pytest.mark.parametrize(
+    "share", [0.55, *(pytest.param(s, marks=pytest.mark.slow) for s in (0.9, 1.9))]
+)
 def test_every_figure_is_over_the_k1_found_whatever_the_nominal_scale(share: float) -> None:
     right, off = Setup(runs=2), Setup(runs=2, nominal=1.3 * share)
     one, other = fitted(right), fitted(off)
@@ -94,6 +96,7 @@ def test_a_single_run_says_that_it_knows_nothing_of_others() -> None:
     assert worst(one, Setup()) < 5.0
 
 
+@pytest.mark.slow  # of four runs below
 def test_an_odd_run_is_named() -> None:
     assert "run R2 lies apart from the others" in said(fitted(Setup(runs=8, odd_run_ug=100.0)))
     assert "lies apart" not in said(fitted(Setup(runs=8)))
@@ -115,9 +118,10 @@ def test_noise_of_the_thermistor_within_a_soak_is_no_difference_between_runs() -
     assert 1e6 * by_name["k1"].next_sigma < 10.0
 
 
-def test_the_held_out_figure_of_two_runs_is_hardly_known() -> None:
+@pytest.mark.parametrize("runs", [5, pytest.param(8, marks=pytest.mark.slow)])
+def test_the_held_out_figure_of_two_runs_is_hardly_known(runs: int) -> None:
     """Two runs differ by one number: from it a sigma is known to a factor (Student's t)."""
-    few, many = (fitted(Setup(runs=n, offset_ug=30.0), seed=4) for n in (2, 8))
+    few, many = (fitted(Setup(runs=n, offset_ug=30.0), seed=4) for n in (2, runs))
     for one in (few, many):
         assert one.heldout
         assert one.heldout_sigma_ug
@@ -207,7 +211,7 @@ def test_runs_none_of_which_can_be_held_out_say_why() -> None:
     assert "no run can be held out: without it the others cannot give every" in said(one)
 
 
-@pytest.mark.parametrize("noise_c", [0.1, 0.3])
+@pytest.mark.parametrize("noise_c", [0.1, pytest.param(0.3, marks=pytest.mark.slow)])
 def test_a_noisy_thermistor_in_a_narrow_range_is_in_the_sigmas(noise_c: float) -> None:
     setup = Setup(corners_c=(22.0, 27.0, 22.0, 27.0), rates=(0.1,), thermistor_noise_c=noise_c)
     assert worst(fitted(setup), setup) < 5.0
@@ -222,9 +226,17 @@ def test_a_noisy_thermistor_in_a_narrow_range_is_in_the_sigmas(noise_c: float) -
         (Setup(lag_s=120.0), "slope over temperature (a lag of 11"),
         (Setup(lag_s=120.0), "that is no drift"),
         (Setup(loop_ug=20.0), "thermal-history effect"),
-        (Setup(line_ug_h=10.0), "drifts for longer than a run lasts"),
-        (Setup(truth={**TRUE, "k0_t5": 4e-7}), "to the power 5"),
-        (Setup(lag_s=120.0, corners_c=HEATING), "the sigmas do not allow for it: here a thermal"),
+        pytest.param(
+            Setup(line_ug_h=10.0), "drifts for longer than a run lasts", marks=pytest.mark.slow
+        ),
+        pytest.param(
+            Setup(truth={**TRUE, "k0_t5": 4e-7}), "to the power 5", marks=pytest.mark.slow
+        ),
+        pytest.param(
+            Setup(lag_s=120.0, corners_c=HEATING),
+            "the sigmas do not allow for it: here a thermal",
+            marks=pytest.mark.slow,
+        ),
         (Setup(lsb_ug=50.0, white_ug=1.0), "the output goes in steps of 50 µg"),
         (Setup(corners_c=(24.0, 26.0, 24.0, 26.0), rates=(0.05,), thermistor_noise_c=0.1),
          "the thermistor's noise of 0.09"),
@@ -303,13 +315,14 @@ def test_a_thermometer_that_may_be_off_widens_what_hangs_on_temperature() -> Non
 # ---- applying ----
 
 
-def test_sigmas_of_compensated_readings_hold_for_runs_that_were_not_fitted() -> None:
+@pytest.mark.parametrize("seeds", [(1,), pytest.param((1, 2, 3), marks=pytest.mark.slow)])
+def test_sigmas_of_compensated_readings_hold_for_runs_that_were_not_fitted(seeds) -> None:
     setup = Setup(runs=6, offset_ug=15.0, scale_ppm=15.0)
     z: list[float] = []
-    for seed in (1, 2, 3):
+    for seed in seeds:
         error, sigma = error_ug(setup, fitted(setup, seed), 100 + seed)
         z += (error / sigma).tolist()
-    # 18 runs' own offsets: 95 % of so few hold 80 % at least (binomial, 99.9 %)
+    # 2 or 6 runs a seed with offsets of their own: 18 hold 80 % at least (binomial, 99.9 %)
     assert np.mean(np.abs(z) < 1.96) > 0.80
     assert 0.5 < np.sqrt(np.mean(np.square(z))) < 1.3
 
