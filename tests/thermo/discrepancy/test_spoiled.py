@@ -8,15 +8,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from tests.thermo.discrepancy.examples import NOMINAL, hidden_runs
+from tests.thermo.discrepancy.examples import NOMINAL, QUICK, hidden_runs
 from thermo.discrepancy.find import find_discrepancy
-from thermo.library import thermal_library
 from thermo.library.effects import ThermalEffect
 from thermo.recording.files import read_runs, write_runs
 
-QUICK = [
-    e for e in thermal_library().effects if not e.event and e.name != "thermal_lag"
-]  # a search in seconds
 Spoil = Callable[[pd.DataFrame, np.random.Generator, np.ndarray], None]
 SHARE = 0.01
 FEWER = 80  # simulated nulls: the effect is far beyond luck

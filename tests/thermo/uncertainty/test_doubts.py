@@ -17,9 +17,14 @@ HEATING = (-40.0, 70.0)
 STAGES = (-40.0, -20.0, 0.0, 20.0, 40.0, 55.0, 70.0)
 
 
+FITTED: dict[str, AccelerometerFit] = {}  # several tests look at the same; none changes it
+
+
 def fitted(setup: Setup, seed: int = 1) -> AccelerometerFit:
-    (one,) = fit_runs(campaign(setup, seed))
-    return one
+    key = f"{setup} {seed}"
+    if key not in FITTED:
+        (FITTED[key],) = fit_runs(campaign(setup, seed))
+    return FITTED[key]
 
 
 def deviations(one: AccelerometerFit, setup: Setup) -> dict[str, float]:
