@@ -123,10 +123,9 @@ def test_noise_of_the_thermistor_within_a_soak_is_no_difference_between_runs() -
     assert 1e6 * by_name["k1"].next_sigma < 10.0
 
 
-@pytest.mark.parametrize("runs", [5, pytest.param(8, marks=pytest.mark.slow)])
-def test_the_held_out_figure_of_two_runs_is_hardly_known(runs: int) -> None:
+def test_the_held_out_figure_of_two_runs_is_hardly_known() -> None:
     """Two runs differ by one number: from it a sigma is known to a factor (Student's t)."""
-    few, many = (fitted(Setup(runs=n, offset_ug=30.0), seed=4) for n in (2, runs))
+    few, many = (fitted(Setup(runs=n, offset_ug=30.0), seed=4) for n in (2, 8))
     for one in (few, many):
         assert one.heldout
         assert one.heldout_sigma_ug
