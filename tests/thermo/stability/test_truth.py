@@ -37,7 +37,9 @@ def figures(result: Stability) -> list[tuple[object, ...]]:
     ]
 
 
-@pytest.mark.parametrize("poison", [np.nan, 1e150, 0.0])
+@pytest.mark.parametrize(
+    "poison", [np.nan, *(pytest.param(p, marks=pytest.mark.slow) for p in (1e150, 0.0))]
+)
 def test_runs_at_one_temperature_are_graded_by_their_readings_whatever_memory_holds(
     monkeypatch: pytest.MonkeyPatch, poison: float
 ) -> None:

@@ -84,7 +84,7 @@ def test_every_figure_is_over_the_k1_found_whatever_the_nominal_scale(share: flo
     [({"offset_ug": 30.0}, "µg in K0"), ({"scale_ppm": 30.0}, "ppm in K1"),
      ({"thermistor_c": 0.1}, "°C in the thermistor")],
 )  # fmt: skip
-@pytest.mark.parametrize("runs", [2, 4, pytest.param(8, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("runs", [4, *(pytest.param(n, marks=pytest.mark.slow) for n in (2, 8))])
 def test_runs_that_differ_are_told_and_carried(runs: int, differs, unit: str) -> None:
     setup = Setup(runs=runs, **differs)
     one = fitted(setup, seed=4)
@@ -107,7 +107,7 @@ def test_an_odd_run_is_named() -> None:
     assert "lies apart" not in said(fitted(Setup(runs=8)))
 
 
-@pytest.mark.parametrize("seed", [3, 4, 5])
+@pytest.mark.parametrize("seed", [3, *(pytest.param(s, marks=pytest.mark.slow) for s in (4, 5))])
 def test_an_odd_run_of_four_is_named(seed: int) -> None:
     odd = fitted(Setup(odd_run_ug=100.0), seed).doubts.odd_run
     assert odd is not None
