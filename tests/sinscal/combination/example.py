@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from errormodel.fit import expected_covariance
+from errormodel.covariance import expected_covariance
 from errormodel.noise.model import NoiseModel
 from errormodel.record import Record
 from sinscal.frames.earth import ARCSEC, DEG_PER_H
