@@ -49,7 +49,7 @@ class Steps:
     q: FloatArray
 
 
-def joined(parts: Sequence[Steps]) -> Steps:
+def join_steps(parts: Sequence[Steps]) -> Steps:
     """Return steps of the same states and measurements, one part after another."""
     return Steps(
         h=np.concatenate([p.h for p in parts]),

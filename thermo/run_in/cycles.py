@@ -11,8 +11,9 @@ from errormodel.model import ErrorModel
 from thermo.planning.run_in_rule import RunInRule
 from thermo.recording.channel import Channel, channel_of
 from thermo.recording.files import RecordedRuns
+from thermo.run_in.judge import MIN_CYCLES, WINDOW, judge_run_in
 from thermo.run_in.relaxation import Series
-from thermo.run_in.verdict import MIN_CYCLES, WINDOW, RunInVerdict, judge_run_in
+from thermo.run_in.verdict import RunInVerdict
 from thermo.selection.orders import separable_names, usual_equation
 
 MICRO = 1e6

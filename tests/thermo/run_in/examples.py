@@ -7,8 +7,8 @@ import numpy as np
 
 from errormodel.arrays import FloatArray
 from errormodel.record import Record
+from thermo.run_in.judge import judge_run_in
 from thermo.run_in.relaxation import Series, cycles_needed
-from thermo.run_in.verdict import judge_run_in
 from thermo.twin.assembly_stress import AssemblyStress, assembly_stress
 
 CYCLES = 60

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from tests.thermo.run_in.examples import LIMIT, assembled, series_of
+from thermo.run_in.judge import judge_run_in, run_spread
 from thermo.run_in.relaxation import Series, cycles_needed, weigh
 from thermo.run_in.rivals import HORIZON, NOT_SLOW, SLOW, SLOW_ODDS
-from thermo.run_in.verdict import judge_run_in, spread_of
 
 
 def test_cycles_needed_by_hand() -> None:
@@ -127,7 +127,7 @@ def test_the_limits_of_an_instability_hold_for_few_runs() -> None:
     rng = np.random.default_rng(2)
     inside = 0
     for _ in range(1000):
-        low, high = spread_of(rng.standard_normal(4)).ci95
+        low, high = run_spread(rng.standard_normal(4)).ci95
         inside += low <= 1.0 <= high
     assert abs(inside - 950) < 4 * np.sqrt(1000 * 0.95 * 0.05)
 
