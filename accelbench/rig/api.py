@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from accelbench.result import Result, named_rows, no_pictures
-from sinscal.judgement.judge import Options
+from sinscal.judgement.options import Options
 
 if TYPE_CHECKING:
     from accelbench.shell.plotting import Picture
@@ -45,7 +45,7 @@ def calibrate(run: "RigRun", options: Options | None = None) -> "Result[tuple[Ju
         If the run lacks what is asked for.
     """
     from accelbench.commands.rig_calibrate.text import calibration_document, verdict
-    from sinscal.judgement.judge import calibrate_and_judge
+    from sinscal.judgement.procedure import calibrate_and_judge
     from sinscal.judgement.result_file import make_result
 
     judged = calibrate_and_judge(run, options or Options())

@@ -9,18 +9,15 @@ from accelbench.commands.rig_calibrate.options import asked_groups, asked_limits
 from accelbench.commands.rig_calibrate.text import calibration_document, calibration_text
 from accelbench.joint.result_file import CombinedResult, read_calibration
 from accelbench.shell.console import emit
-from accelbench.shell.outputs import (
-    Results,
-    check_results,
-    checked_run_output,
-    with_sidecars,
-)
+from accelbench.shell.outputs import Results, check_results, checked_run_output, with_sidecars
 from accelbench.shell.progress import working
 from accelbench.shell.surroundings import show_warnings_at_once
 from errormodel.errors import InputError
 from sinscal.calibration.hold_out import Held
 from sinscal.frames.earth import ARCSEC, DEG_PER_H
-from sinscal.judgement.judge import Judged, Options, calibrate_and_judge, judge_navigation
+from sinscal.judgement.judge import Judged
+from sinscal.judgement.options import Options
+from sinscal.judgement.procedure import calibrate_and_judge, judge_navigation
 from sinscal.judgement.result_content import run_digest
 from sinscal.judgement.result_file import RigResult, dump_result, make_result
 from sinscal.model.chamber import within_range

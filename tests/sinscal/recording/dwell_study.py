@@ -18,7 +18,8 @@ import numpy as np
 from errormodel.arrays import FloatArray
 from sinscal.frames.attitude import rotation
 from sinscal.frames.earth import DEG_PER_H, Site
-from sinscal.judgement.judge import Options, calibrate_and_judge
+from sinscal.judgement.options import Options
+from sinscal.judgement.procedure import calibrate_and_judge
 from sinscal.library import BASIC
 from sinscal.model.priors import make_prior
 from sinscal.model.sensors import Motion, sensor_model

@@ -10,7 +10,8 @@ from scipy.stats import chi2
 from errormodel.errors import InputError
 from sinscal.filter.data import RigNoise
 from sinscal.frames.earth import Site
-from sinscal.judgement.judge import Options, calibrate_and_judge
+from sinscal.judgement.options import Options
+from sinscal.judgement.procedure import calibrate_and_judge
 from sinscal.recording.join import join_runs
 from tests.sinscal.twin import make_twin
 
