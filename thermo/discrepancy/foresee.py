@@ -9,7 +9,7 @@ from errormodel.constants import T_REF_C
 from errormodel.discrepancy.foresight import SAME, foresee
 from errormodel.discrepancy.scan import View
 from thermo.discrepancy.baseline import bare_baseline
-from thermo.discrepancy.source import ThermalSource
+from thermo.discrepancy.problem.source import ThermalSource
 from thermo.library import thermal_library
 from thermo.library.effects import ThermalEffect
 from thermo.library.passing import MAX_RUNS
