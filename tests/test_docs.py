@@ -17,7 +17,7 @@ from errormodel.io.toml import read_toml
 from thermo.fitting.fit import read_terms
 from thermo.library import thermal_library
 from thermo.planning.sequence import load_sequence
-from thermo.recording.foreign_map import LogMap
+from thermo.recording.foreign.map import LogMap
 
 ROOT = Path(__file__).parents[1]
 REFERENCE = ROOT / "docs/reference"

@@ -33,7 +33,7 @@ from thermo.library import thermal_library
 from thermo.planning.bounds import SEQUENCE, STATION
 from thermo.planning.sequence import Sequence
 from thermo.recording.files import Sidecar
-from thermo.recording.foreign_map import LogMap
+from thermo.recording.foreign.map import LogMap
 from thermo.recording.signals import signals as signals_in_use
 from thermo.store.schema import metadata
 from thermo.twin.planted import size_in_words

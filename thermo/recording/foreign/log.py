@@ -13,7 +13,7 @@ import numpy as np
 from errormodel.errors import InputError
 from errormodel.io import memory
 from errormodel.io.tables import NUMBER
-from thermo.recording.foreign_map import Column, FileFormat, Rows, Where
+from thermo.recording.foreign.map import Column, FileFormat, Rows, Where
 from thermo.recording.runs import BoolArray, FloatArray
 
 log = logging.getLogger(__name__)
