@@ -120,7 +120,7 @@ def combine(
         If the run has no temperatures, or the models do not fit together.
     """
     tell("rig and chamber")
-    ended, test = joined(
+    ended, test = combine_and_compare(
         run, chambers, mode, groups=groups, priors=priors, turn_on=turn_on, noise=noise
     )
     sensors, prior = ended.sensors, ended.prior
@@ -153,7 +153,7 @@ def combine(
     )
 
 
-def joined(
+def combine_and_compare(
     run: RigRun,
     chambers: Sequence[ChamberModel],
     mode: Mode = "coarse",

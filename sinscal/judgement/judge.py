@@ -5,8 +5,8 @@ from dataclasses import dataclass, field, replace
 
 from sinscal.calibration.consistency import (
     Consistency,
+    MeasurementRows,
     Refused,
-    Rows,
     judge_innovations,
     normalised_rows,
     refused_of,
@@ -35,7 +35,7 @@ class Judged:
     """
 
     found: Calibration
-    rows: Rows
+    rows: MeasurementRows
     consistency: Consistency
     observability: Observability
     refused: tuple[Refused, ...]
@@ -84,7 +84,7 @@ def judge_calibration(
     if isinstance(found, RigCalibration):
         rows = rows_of_rig(found.steps.h.shape[1])
     else:
-        rows = Rows(names=found.layout.integrals, white=found.judged)
+        rows = MeasurementRows(names=found.layout.integrals, white=found.judged)
     p = len(found.sensors.names)
     nis, channels, bounded = judge_innovations(
         normalised_rows(found.filtered), found.cycle_of_step, rows

@@ -7,7 +7,7 @@ import numpy as np
 
 from errormodel.arrays import FloatArray
 from errormodel.errors import InputError
-from sinscal.calibration.consistency import Rows, nis_of, normalised_rows, rows_of_rig
+from sinscal.calibration.consistency import MeasurementRows, nis_of, normalised_rows, rows_of_rig
 from sinscal.calibration.hold_out import HoldOut, cycles_held, hold_out, shift_test, without_cycle
 from sinscal.calibration.navigation import calibrate_navigation
 from sinscal.calibration.noise import believed, noise_of_run, refined
@@ -123,7 +123,7 @@ def variance_of(found: RigCalibration) -> float:
     return nis_of(_white(normalised_rows(found.filtered), rows)).mean
 
 
-def _white(normalised: FloatArray, rows: Rows) -> FloatArray:
+def _white(normalised: FloatArray, rows: MeasurementRows) -> FloatArray:
     seen = normalised[:, list(rows.white)]
     return seen[np.isfinite(seen)]
 

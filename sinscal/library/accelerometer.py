@@ -11,9 +11,9 @@ from sinscal.library.groups import (
     WARM,
     ChannelId,
     Group,
-    bias,
     bias_by_temperature,
-    effect_of,
+    constant_error,
+    effect_of_group,
     misalignment,
     needing,
     scale,
@@ -57,7 +57,7 @@ def _temperature_scale(c: ChannelId) -> Term:
 BIAS = Group(
     name="accel_bias",
     kinds=("accel",),
-    make=bias,
+    make=constant_error,
     prior_sigma=0.02,
     told=Told(unit="µg", size=MICRO_G),
     formula="Δf⁰",
@@ -116,26 +116,26 @@ TEMPERATURE_SCALE = Group(
 )
 GROUPS = (BIAS, SCALE, MISALIGNMENT, SECOND_ORDER, DELAY, TEMPERATURE_BIAS, TEMPERATURE_SCALE)
 EFFECTS = (
-    effect_of(
+    effect_of_group(
         DELAY,
         "The accelerometers' readings are later than the gyros'.",
         "turn fast both ways: gravity is then seen turned by the rate times the delay",
         RATE,
     ),
-    effect_of(
+    effect_of_group(
         SECOND_ORDER,
         "The accelerometers' outputs have a part proportional to the input squared.",
         "turn about horizontal axes in whole turns, so that each accelerometer sees from -g to +g",
         PHASE,
     ),
-    effect_of(
+    effect_of_group(
         TEMPERATURE_BIAS,
         "The accelerometers' constant errors change with temperature.",
         WARM,
         TEMPERATURE,
         needs="temperature",
     ),
-    effect_of(
+    effect_of_group(
         TEMPERATURE_SCALE,
         "The accelerometers' scale factors change with temperature.",
         WARM,

@@ -9,7 +9,15 @@ from errormodel.arrays import FloatArray
 from errormodel.record import Record
 from errormodel.terms import Coefficient, Term, Told
 from sinscal.frames.earth import ARCMIN, ARCSEC
-from sinscal.library.groups import PHASE, RATE, ChannelId, Group, RigEffect, effect_of, term_of
+from sinscal.library.groups import (
+    PHASE,
+    RATE,
+    ChannelId,
+    Group,
+    RigEffect,
+    effect_of_group,
+    term_of,
+)
 from sinscal.library.groups import signal as signal_of
 from sinscal.recording.run import AXES
 
@@ -83,7 +91,7 @@ HARMONIC, HARMONIC_2 = (
 )
 GROUPS = (CLOCK, HARMONIC, HARMONIC_2)
 EFFECTS = (
-    effect_of(
+    effect_of_group(
         CLOCK,
         "The rig's clock is ahead: its angle belongs to a later time.",
         "turn at several rates both ways: the angle's error is proportional to the rate",
@@ -97,7 +105,7 @@ EFFECTS = (
         follows=PHASE,
         needs="angle",
     ),
-    effect_of(
+    effect_of_group(
         HARMONIC,
         "The encoder's error has one period a turn.",
         "turn through whole turns at a low rate both ways",

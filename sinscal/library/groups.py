@@ -186,7 +186,7 @@ class RigEffect:
         return f"{self.step or self.drift}_bias"
 
 
-def effect_of(
+def effect_of_group(
     group: Group, sentence: str, experiment: str, follows: str, *, needs: str = ""
 ) -> RigEffect:
     """Return the effect that is one group, by the group's name."""
@@ -236,7 +236,7 @@ def ones(record: Record) -> FloatArray:
     return np.ones(len(record))
 
 
-def bias(c: ChannelId) -> Term:
+def constant_error(c: ChannelId) -> Term:
     """Return a sensor's constant error."""
     symbol, unit = (f"ν{c.letter}", "rad/s") if c.kind == "gyro" else (f"Δf{c.letter}", "m/s²")
     name = f"{c.kind}_bias_{c.letter}"

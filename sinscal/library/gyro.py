@@ -11,9 +11,9 @@ from sinscal.library.groups import (
     WARM,
     ChannelId,
     Group,
-    bias,
     bias_by_temperature,
-    effect_of,
+    constant_error,
+    effect_of_group,
     misalignment,
     scale,
     signal,
@@ -42,7 +42,7 @@ def _asymmetry(c: ChannelId) -> Term:
 BIAS = Group(
     name="gyro_bias",
     kinds=("gyro",),
-    make=bias,
+    make=constant_error,
     prior_sigma=0.5 * DEG_PER_H,
     told=Told(unit="°/h", size=DEG_PER_H),
     formula="ν⁰",
@@ -93,19 +93,19 @@ TEMPERATURE_DRIFT = Group(
 )
 GROUPS = (BIAS, SCALE, MISALIGNMENT, G_SENSITIVITY, SCALE_ASYMMETRY, TEMPERATURE_DRIFT)
 EFFECTS = (
-    effect_of(
+    effect_of_group(
         G_SENSITIVITY,
         "The gyros' drift changes with the specific force.",
         "turn slowly both ways about each axis in turn, so that gravity goes round in the body",
         PHASE,
     ),
-    effect_of(
+    effect_of_group(
         SCALE_ASYMMETRY,
         "The gyros' scale factors differ between turning one way and the other.",
         "turn about each axis at two rates or more, each both ways, with the rig's angle recorded",
         RATE,
     ),
-    effect_of(
+    effect_of_group(
         TEMPERATURE_DRIFT,
         "The gyros' drifts change with temperature.",
         WARM,

@@ -83,7 +83,7 @@ class Motion:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Channel:
+class SensorChannel:
     """One sensor: which, its model, and how many SI units the model's unit is."""
 
     id: ChannelId
@@ -97,14 +97,14 @@ class SensorModel:
 
     Attributes
     ----------
-    channels : tuple of Channel
+    channels : tuple of SensorChannel
     t_ref_c : float
         Reference temperature of all terms, °C.
     gravity_m_s2 : float
         The g of models that count in it.
     """
 
-    channels: tuple[Channel, ...]
+    channels: tuple[SensorChannel, ...]
     t_ref_c: float = T_REF_C
     gravity_m_s2: float = STANDARD_G
 
@@ -152,7 +152,8 @@ class SensorModel:
         """Return the sensors with another model of accelerometer `axis`."""
         wanted = ChannelId(kind="accel", axis=axis)
         changed = [
-            Channel(id=c.id, model=model, unit=unit) if c.id == wanted else c for c in self.channels
+            SensorChannel(id=c.id, model=model, unit=unit) if c.id == wanted else c
+            for c in self.channels
         ]
         return replace(self, channels=tuple(changed))
 
@@ -257,7 +258,7 @@ class SensorModel:
         slope[:, :3] /= TRIAL_RATE_RAD_S
         return cast(FloatArray, np.linalg.inv(np.eye(6) + slope)), errors[0]
 
-    def _records(self, motion: Motion) -> Iterator[tuple[Channel, Record]]:
+    def _records(self, motion: Motion) -> Iterator[tuple[SensorChannel, Record]]:
         """Yield the six sensors' channels, each with what acts on it."""
         signals = {f"w_{a}": motion.w[:, j] for j, a in enumerate(AXES)}
         signals |= {f"f_{a}": motion.f[:, j] for j, a in enumerate(AXES)}
@@ -267,7 +268,7 @@ class SensorModel:
             own = self._own_signals(motion, c)
             yield c, (shared.with_signals(**own) if own else shared)
 
-    def _own_signals(self, motion: Motion, channel: Channel) -> dict[str, FloatArray]:
+    def _own_signals(self, motion: Motion, channel: SensorChannel) -> dict[str, FloatArray]:
         own: dict[str, FloatArray] = {}
         axis = channel.id.axis
         i, p, o = (axis + np.arange(3)) % 3
@@ -325,8 +326,12 @@ def sensor_model(
         If there is no such group.
     """
     terms_of = rig_library().terms_of
-    made = [Channel(id=c, model=ErrorModel(terms_of(c, groups, more), c.input)) for c in CHANNELS]
-    made.append(Channel(id=ANGLE, model=ErrorModel(terms_of(ANGLE, groups, more), "angle_rad")))
+    made = [
+        SensorChannel(id=c, model=ErrorModel(terms_of(c, groups, more), c.input)) for c in CHANNELS
+    ]
+    made.append(
+        SensorChannel(id=ANGLE, model=ErrorModel(terms_of(ANGLE, groups, more), "angle_rad"))
+    )
     return SensorModel(channels=tuple(made), t_ref_c=t_ref_c, gravity_m_s2=gravity_m_s2)
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from scipy import stats
 
 from errormodel.arrays import FloatArray, IntArray
-from thermo.run_in.relaxation import Draws, Series, SlowRival, weigh
+from thermo.run_in.relaxation import CoefficientSeries, Draws, SlowRival, weigh
 from thermo.run_in.rivals import HORIZON
 from thermo.run_in.signs import daily_swing
 from thermo.run_in.verdict import DRAWS, Relaxation, RunInVerdict, SlowChange, Spread
@@ -32,7 +32,7 @@ WINDOW = 4
 
 def judge_run_in(
     serial: str,
-    series: Sequence[Series],
+    series: Sequence[CoefficientSeries],
     *,
     confidence: float = 0.95,
     window: int = WINDOW,
@@ -44,7 +44,7 @@ def judge_run_in(
     Parameters
     ----------
     serial : str
-    series : sequence of Series
+    series : sequence of CoefficientSeries
         K0 and K1, or K0 alone; of one length.
     confidence : float
         That the verdict "settled" is right.
@@ -122,7 +122,9 @@ def judge_run_in(
     )
 
 
-def _unseen(series: Sequence[Series], rivals: Sequence[SlowRival]) -> tuple[SlowChange, ...]:
+def _unseen(
+    series: Sequence[CoefficientSeries], rivals: Sequence[SlowRival]
+) -> tuple[SlowChange, ...]:
     """Return the largest change that each slow process could bring, where above a limit."""
     found: dict[str, SlowChange] = {}
     for rival in rivals:
@@ -163,7 +165,7 @@ def _needed(needed: IntArray, under: Sequence[IntArray], risk: float) -> tuple[i
 
 
 def _relaxation(
-    series: Series,
+    series: CoefficientSeries,
     draws: Draws,
     under: Sequence[IntArray],
     risk: float,

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from thermo.run_in.relaxation import Draws, Series
+from thermo.run_in.relaxation import CoefficientSeries, Draws
 from thermo.run_in.rivals import HORIZON, Law
 from thermo.run_in.signs import DailySwing, Jump, jumps_of
 
@@ -29,7 +29,7 @@ class Relaxation:
     (median): an instability of that size is noise.
     """
 
-    series: Series
+    series: CoefficientSeries
     draws: Draws
     kappa: tuple[float, float]
     amplitude: tuple[float, float]

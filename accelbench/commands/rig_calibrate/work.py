@@ -25,7 +25,7 @@ from sinscal.model.compensate import compensate_run
 from sinscal.model.larger_model import RigModelFile, read_rig_model
 from sinscal.model.priors import read_priors
 from sinscal.recording.files import compensated_with, read_nav_run, read_rig_run, write_rig_run
-from sinscal.recording.join import join_runs
+from sinscal.recording.join import join_rig_runs
 from sinscal.recording.run import NavRun, RigRun
 
 FAILED = 1
@@ -93,7 +93,7 @@ def _calibrated(
         show_warnings_at_once()
         with working("calibrating") as work:
             return nav, judge_navigation(nav, options, work.tell)
-    run = join_runs([read_rig_run(path) for path in files])
+    run = join_rig_runs([read_rig_run(path) for path in files])
     show_warnings_at_once()
     with working("calibrating") as work:
         return run, calibrate_and_judge(run, options, work.tell)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from accelbench.commands.fit.text import sentences
+from accelbench.commands.fit.text import fit_sentences
 from tests.thermo.fitting.strange_runs import Setup, campaign
 from thermo.compensation.compensate import compensate
 from thermo.compensation.model_file import make_model_file, reported
@@ -29,7 +29,7 @@ def worst(one: AccelerometerFit, setup: Setup) -> float:
 
 
 def said(one: AccelerometerFit) -> str:
-    return "\n".join(sentences(one))
+    return "\n".join(fit_sentences(one))
 
 
 def error_ug(setup: Setup, one: AccelerometerFit, seed: int) -> tuple[np.ndarray, np.ndarray]:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from accelbench.commands.fit.doubts import doubt_sentences, run_to_run_sentence
-from accelbench.commands.fit.text import sentences
+from accelbench.commands.fit.text import fit_sentences
 from tests.thermo.fitting.strange_runs import TRUE, Setup, campaign
 from tests.thermo.uncertainty.doubted import HEATING, STAGES, error_ug, fitted, said, worst
 from thermo.compensation.compensate import compensate
@@ -236,7 +236,7 @@ def test_positions_that_are_not_what_is_recorded_are_told() -> None:
 
 
 def test_what_repeats_and_was_not_stated_is_told() -> None:
-    (line,) = [t for t in sentences(fitted(Setup(runs=2))) if t.startswith("noise")]
+    (line,) = [t for t in fit_sentences(fitted(Setup(runs=2))) if t.startswith("noise")]
     for key in ("head_arcsec", "temp_sigma_c", "temp_gain_ppm"):
         assert key in line
     stated = TermsFile(head_arcsec=1.0)
