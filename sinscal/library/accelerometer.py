@@ -13,7 +13,7 @@ from sinscal.library.groups import (
     Group,
     bias_by_temperature,
     constant_error,
-    effect_of_group,
+    effect_of,
     misalignment,
     needing,
     scale,
@@ -116,26 +116,26 @@ TEMPERATURE_SCALE = Group(
 )
 GROUPS = (BIAS, SCALE, MISALIGNMENT, SECOND_ORDER, DELAY, TEMPERATURE_BIAS, TEMPERATURE_SCALE)
 EFFECTS = (
-    effect_of_group(
+    effect_of(
         DELAY,
         "The accelerometers' readings are later than the gyros'.",
         "turn fast both ways: gravity is then seen turned by the rate times the delay",
         RATE,
     ),
-    effect_of_group(
+    effect_of(
         SECOND_ORDER,
         "The accelerometers' outputs have a part proportional to the input squared.",
         "turn about horizontal axes in whole turns, so that each accelerometer sees from -g to +g",
         PHASE,
     ),
-    effect_of_group(
+    effect_of(
         TEMPERATURE_BIAS,
         "The accelerometers' constant errors change with temperature.",
         WARM,
         TEMPERATURE,
         needs="temperature",
     ),
-    effect_of_group(
+    effect_of(
         TEMPERATURE_SCALE,
         "The accelerometers' scale factors change with temperature.",
         WARM,

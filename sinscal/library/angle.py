@@ -15,7 +15,7 @@ from sinscal.library.groups import (
     ChannelId,
     Group,
     RigEffect,
-    effect_of_group,
+    effect_of,
     term_of,
 )
 from sinscal.library.groups import signal as signal_of
@@ -91,7 +91,7 @@ HARMONIC, HARMONIC_2 = (
 )
 GROUPS = (CLOCK, HARMONIC, HARMONIC_2)
 EFFECTS = (
-    effect_of_group(
+    effect_of(
         CLOCK,
         "The rig's clock is ahead: its angle belongs to a later time.",
         "turn at several rates both ways: the angle's error is proportional to the rate",
@@ -105,7 +105,7 @@ EFFECTS = (
         follows=PHASE,
         needs="angle",
     ),
-    effect_of_group(
+    effect_of(
         HARMONIC,
         "The encoder's error has one period a turn.",
         "turn through whole turns at a low rate both ways",

@@ -186,7 +186,7 @@ class RigEffect:
         return f"{self.step or self.drift}_bias"
 
 
-def effect_of_group(
+def effect_of(
     group: Group, sentence: str, experiment: str, follows: str, *, needs: str = ""
 ) -> RigEffect:
     """Return the effect that is one group, by the group's name."""

@@ -13,7 +13,7 @@ from sinscal.library.groups import (
     Group,
     bias_by_temperature,
     constant_error,
-    effect_of_group,
+    effect_of,
     misalignment,
     scale,
     signal,
@@ -93,19 +93,19 @@ TEMPERATURE_DRIFT = Group(
 )
 GROUPS = (BIAS, SCALE, MISALIGNMENT, G_SENSITIVITY, SCALE_ASYMMETRY, TEMPERATURE_DRIFT)
 EFFECTS = (
-    effect_of_group(
+    effect_of(
         G_SENSITIVITY,
         "The gyros' drift changes with the specific force.",
         "turn slowly both ways about each axis in turn, so that gravity goes round in the body",
         PHASE,
     ),
-    effect_of_group(
+    effect_of(
         SCALE_ASYMMETRY,
         "The gyros' scale factors differ between turning one way and the other.",
         "turn about each axis at two rates or more, each both ways, with the rig's angle recorded",
         RATE,
     ),
-    effect_of_group(
+    effect_of(
         TEMPERATURE_DRIFT,
         "The gyros' drifts change with temperature.",
         WARM,

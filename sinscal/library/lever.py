@@ -5,7 +5,7 @@ from functools import partial
 from errormodel.arrays import FloatArray
 from errormodel.record import Record
 from errormodel.terms import Term, Told
-from sinscal.library.groups import RATE, ChannelId, Group, effect_of_group, term_of
+from sinscal.library.groups import RATE, ChannelId, Group, effect_of, term_of
 from sinscal.recording.run import AXES
 
 
@@ -49,7 +49,7 @@ LEVER_ARM = Group(
 )
 GROUPS = (LEVER_ARM,)
 EFFECTS = (
-    effect_of_group(
+    effect_of(
         LEVER_ARM,
         "The sensing masses stand off the centre of rotation and feel its acceleration.",
         "turn at several rates, among them fast ones: the force grows with the rate squared",
