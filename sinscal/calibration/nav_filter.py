@@ -25,9 +25,10 @@ from sinscal.filter.integrate import attitudes, sum_columns
 from sinscal.filter.layout import RigLayout
 from sinscal.frames.attitude import rotvec_of
 from sinscal.frames.earth import Site
+from sinscal.model.motion import Motion
 from sinscal.model.noise import InertialNoise
 from sinscal.model.priors import RigPrior
-from sinscal.model.sensors import Motion, SensorModel
+from sinscal.model.sensors import SensorModel
 from sinscal.recording.run import rate_derivative
 
 # The errors depend on the true motion, and that on the errors, in a thousandth of their size: after

@@ -28,8 +28,9 @@ from sinscal.model.chamber import (
     reference_name,
     within_range,
 )
+from sinscal.model.motion import Motion
 from sinscal.model.priors import PriorFile, RigPrior
-from sinscal.model.sensors import Motion, SensorModel, sensor_model
+from sinscal.model.sensors import SensorModel, sensor_model
 from sinscal.recording.run import RigRun
 
 # How far an accelerometer's coefficients may be from anything the chamber says, in the model's own

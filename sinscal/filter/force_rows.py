@@ -13,7 +13,8 @@ from sinscal.filter.data import RigNoise
 from sinscal.filter.integrate import LEAST_S, FeltRates, Intervals, SensorColumns
 from sinscal.filter.layout import RigLayout
 from sinscal.frames.attitude import rotation, skew
-from sinscal.model.sensors import Motion, SensorModel
+from sinscal.model.motion import Motion
+from sinscal.model.sensors import SensorModel
 from sinscal.recording.run import rate_derivative
 
 TRIAL = 1e-5  # rad/s and rad/s², for slopes: what goes with its square is beyond six digits

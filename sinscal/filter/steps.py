@@ -26,7 +26,8 @@ from sinscal.filter.integrate import (
 )
 from sinscal.filter.layout import RigLayout
 from sinscal.frames.attitude import left_jacobian, rotation
-from sinscal.model.sensors import Motion, SensorModel
+from sinscal.model.motion import Motion
+from sinscal.model.sensors import SensorModel
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

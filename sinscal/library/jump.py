@@ -75,7 +75,9 @@ def _passing(term: Term) -> Term:
     return replace(needing(term, "elapsed_s"), predictive=False)
 
 
-GROUPS: tuple[Group, ...] = ()  # each belongs to a time: see `constant_error_step`, `constant_error_drift`
+GROUPS: tuple[
+    Group, ...
+] = ()  # each belongs to a time: see `constant_error_step`, `constant_error_drift`
 _SENSORS: tuple[tuple[Kind, str, Group], ...] = (
     ("gyro", "gyros", gyro.TEMPERATURE_DRIFT),
     ("accel", "accelerometers", accelerometer.TEMPERATURE_BIAS),

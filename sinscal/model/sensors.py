@@ -14,7 +14,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from errormodel.arrays import FloatArray, IntArray, freeze, readonly
+from errormodel.arrays import FloatArray
 from errormodel.columns import derivative
 from errormodel.constants import T_REF_C
 from errormodel.model import ErrorModel
@@ -24,7 +24,8 @@ from sinscal.frames.earth import STANDARD_G
 from sinscal.library import BASIC, rig_library
 from sinscal.library.angle import TIME_OFFSET
 from sinscal.library.groups import ANGLE, CHANNELS, TEMPERATURES, ChannelId, Group
-from sinscal.recording.run import AXES, rate_derivative
+from sinscal.model.motion import Motion, moved_to
+from sinscal.recording.run import AXES
 
 # A chamber's terms see temperature smoothed as in the chamber; a rig's temperature is smooth.
 RATE_WINDOW_S = 120.0
@@ -36,50 +37,6 @@ LEFT = 1e-12  # m/s² of what is measured, where the inverse ends
 LEFT_WEIGHTS = np.array([100.0, 100.0, 100.0, 1.0, 1.0, 1.0])  # rates are to be had a digit better
 # Slow enough that what goes with the square of the rate is nothing beside what goes with the rate.
 TRIAL_RATE_RAD_S = 1e-3
-
-
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Motion:
-    """Motion that acts on the sensors over n steps of one cycle.
-
-    Attributes
-    ----------
-    time_s, step_s : ndarray, shape (n,)
-        Ends and lengths of the steps, from the start of the cycle.
-    w : ndarray, shape (n, 3)
-        Mean rate of the body against inertial space, rad/s.
-    f : ndarray, shape (n, 3)
-        Mean specific force, m/s².
-    dw : ndarray, shape (n, 3)
-        Mean derivative of the rate, rad/s².
-    temp_c : ndarray, shape (n, 3), optional
-        Temperatures of the accelerometers; a gyro is taken to be as warm as that of its axis.
-    begin_s : float
-        When the cycle began, from the start of the run.
-    """
-
-    time_s: FloatArray
-    step_s: FloatArray
-    w: FloatArray
-    f: FloatArray
-    dw: FloatArray
-    temp_c: FloatArray | None = None
-    begin_s: float = 0.0
-
-    def __post_init__(self) -> None:
-        names = ("time_s", "step_s", "w", "f", "dw")
-        freeze(self, **{name: readonly(getattr(self, name)) for name in names})
-
-    def __len__(self) -> int:
-        return self.time_s.size
-
-    def take(self, rows: IntArray | slice) -> "Motion":
-        """Return some of the steps, each as it was."""
-        return replace(
-            self,
-            **{name: getattr(self, name)[rows] for name in ("time_s", "step_s", "w", "f", "dw")},
-            temp_c=None if self.temp_c is None else self.temp_c[rows],
-        )
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -179,7 +136,7 @@ class SensorModel:
         inverse, offset = self.at_rest(motion, values)
         measured = np.array([*motion.w.T, *motion.f.T])
         now = inverse @ (measured - offset[:, None])
-        true = _moved_to(motion, now)
+        true = moved_to(motion, now)
         before = 0.0
         for _ in range(INVERSE_STEPS):
             left = measured - now - self.errors(true, values).T
@@ -187,7 +144,7 @@ class SensorModel:
             if size < LEFT:
                 break
             now = now + inverse @ left
-            true = _moved_to(motion, now)
+            true = moved_to(motion, now)
             if before and size * size / before < LEFT:
                 break
             before = size
@@ -283,12 +240,6 @@ class SensorModel:
             if "rate_c_per_min" in channel.model.needs:
                 own["rate_c_per_min"] = _slope(motion.time_s, x) * 60.0
         return own
-
-
-def _moved_to(motion: Motion, rows: FloatArray) -> Motion:
-    """Return a motion with other rates and forces, shape (6, n)."""
-    w = rows[:3].T
-    return replace(motion, w=w, f=rows[3:].T, dw=rate_derivative(w, motion.step_s))
 
 
 def ends_of(values: FloatArray, at_start: NDArray[np.bool_]) -> FloatArray:

@@ -18,7 +18,7 @@ from sinscal.model.chamber import (
     combined_prior,
     combined_sensors,
 )
-from sinscal.model.sensors import Motion
+from sinscal.model.motion import Motion
 from sinscal.recording.run import RigRun
 from sinscal.twin.motion import RigFaults, rig_motion
 from sinscal.twin.programme import there_and_back
