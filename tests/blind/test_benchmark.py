@@ -185,16 +185,16 @@ def wrong(sets: list[Scored]) -> list[tuple]:
     return [(s.outcome, s.hidden, s.bare, s.aliases) for s in sets if s.wrong_bare]
 
 
-# of the six, one that hides nothing and one that hides an effect of the library
+# of the six, one that hides an effect of the library
 @pytest.mark.parametrize(
-    "taken", [slice(2), pytest.param(slice(6), marks=pytest.mark.slow)], ids=["two", "six"]
+    "taken", [slice(1, 2), pytest.param(slice(0, 6), marks=pytest.mark.slow)], ids=["one", "six"]
 )
 def test_a_small_blind_part(tmp_path: Path, taken: slice) -> None:
     """Seeds fixed: the plain cases are right, nothing is called by a wrong name."""
     sets = run(Bench(work=tmp_path, recipes=small()[taken], seed=20))
-    assert len(sets) == taken.stop
+    assert len(sets) == taken.stop - taken.start
     assert wrong(sets) == []
-    assert {s.outcome for s in sets if s.group in ("nothing", "invisible")} == {"silent"}
+    assert all(s.outcome == "silent" for s in sets if s.group in ("nothing", "invisible"))
     assert all("third_order" in s.invisible for s in sets if s.group == "invisible")
     single = [s for s in sets if s.group in ("single", "pair")]
     assert [(s.hidden, s.verdict) for s in single if s.outcome not in ("named", "alias")] == []

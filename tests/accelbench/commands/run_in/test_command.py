@@ -23,11 +23,12 @@ KEYS = {
 def done(tmp_path_factory):
     """One run-in through the program itself; nothing may be changed in it.
 
-    It stops after some twenty cycles, and deciding takes as long as running them: the first
-    fifteen decide nothing here.
+    Within 15 µg it would take some twenty cycles, and to decide takes as long as to run one: within
+    40 µg it takes fifteen, and the first eleven decide nothing here.
     """
     folder = tmp_path_factory.mktemp("run_in")
-    text = SEQUENCE.read_text(encoding="utf-8").replace("[run_in]", "[run_in]\nmin_cycles = 16")
+    text = SEQUENCE.read_text(encoding="utf-8").replace("[run_in]", "[run_in]\nmin_cycles = 12")
+    text = text.replace("_ug = 15.0", "_ug = 40.0").replace("_ppm = 15.0", "_ppm = 40.0")
     (folder / "late.toml").write_text(text, encoding="utf-8")
     return ran(folder, "run", "late.toml", "--store", "s.sqlite", "--out", "run.csv", "--json")
 
@@ -47,7 +48,14 @@ def test_the_emulated_run_in_stops_by_itself_and_says_why(done):
 def test_the_recorded_runs_give_the_same_verdict_and_a_report(done, call, tmp_path):
     folder, document, _ = done
     report = tmp_path / "report"
-    arguments = ("runin", folder / "run.csv", "--sequence", SEQUENCE, "--report", report)
+    arguments = (
+        "runin",
+        folder / "run.csv",
+        "--sequence",
+        folder / "late.toml",
+        "--report",
+        report,
+    )
     again = call(*arguments, "--json").document
     assert again["accelerometers"] == document["run_in"]
     assert set(again["accelerometers"][0]) >= KEYS
