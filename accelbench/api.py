@@ -224,7 +224,7 @@ def discrepancy(
     effects : path, optional
         A file of your own; the same as a block of `accelbench.library`.
     seed : int
-        Of the simulated nulls.
+        Random seed of the simulated nulls.
 
     Returns
     -------

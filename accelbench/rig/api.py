@@ -81,7 +81,7 @@ def covariance(
     mode : "coarse" or "precise"
         Without or with the rig's angle.
     groups : sequence of str
-        Groups of errors beside biases, scale errors and misalignments.
+        Groups of errors in addition to biases, scale errors and misalignments.
 
     Returns
     -------
@@ -234,7 +234,7 @@ def discrepancy(
     present : RigModelFile, optional
         The present model; by default the basic errors alone.
     seed : int
-        Of the simulated nulls.
+        Random seed of the simulated nulls.
 
     Returns
     -------

@@ -178,7 +178,9 @@ def alias_sizes(sets: Sequence[Scored]) -> str:
     sizes = [len(names) for s in sets if s.outcome == "alias" for names in s.aliases]
     if not sizes:
         return "No alias sets were right."
-    return f"Correct alias sets have a median of {np.median(sizes):.0f} names (maximum {max(sizes)})."
+    return (
+        f"Correct alias sets have a median of {np.median(sizes):.0f} names (maximum {max(sizes)})."
+    )
 
 
 def speed(sets: Sequence[Scored]) -> str:

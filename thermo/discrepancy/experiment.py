@@ -102,7 +102,8 @@ def propose(
             made = propose_separation(source, floor, result.slots[0].choice, rivals)
             return replace(
                 made,
-                text="one run and one loop do not tell thermal history from drift: " + made.text,
+                text="one run and one loop cannot separate thermal history from drift: "
+                + made.text,
             )
     return _Experiments(source, floor).showing(invisible) if invisible else None
 
@@ -162,7 +163,7 @@ class _Experiments:
             f"its nearest rival of {', '.join(rivals)} (these runs: {before:.1f})"
         )
         if distance < SETTLED_D:
-            text += "; that may well not settle it, and nothing this chamber does tells more"
+            text += "; this may not decide it, and no other experiment in this chamber is better"
         return Experiment(
             text=text,
             separates=(name, *rivals),

@@ -37,9 +37,11 @@ class EffectsForeseen:
         """Return the foresight as plain lines for `--dry-run`."""
         lines: list[str] = []
         if self.invisible:
-            lines.append(f"Missing effects it cannot show at all: {', '.join(self.invisible)}.")
-        lines += [f"Missing effects it hardly tells apart: {a} ~ {b}." for a, b in self.alike]
-        return tuple(lines) or ("Every missing effect of the library would show in it.",)
+            lines.append(
+                f"Missing effects that it cannot show at all: {', '.join(self.invisible)}."
+            )
+        lines += [f"Missing effects that it can hardly separate: {a} ~ {b}." for a, b in self.alike]
+        return tuple(lines) or ("It would show every missing effect of the library.",)
 
 
 def foresee_effects(

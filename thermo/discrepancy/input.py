@@ -48,15 +48,15 @@ def check_channel(channel: Channel, source: str) -> None:
         raise refused(f"{runs} runs, at most {MAX_RUNS} expected; give some of them")
     for name, readings in zip(channel.run_ids, record.run_slices, strict=True):
         if np.ptp(record["mounting"][readings]) > 0:
-            raise refused(f"run {name}: a_i_g and a_p_g are not those of position_deg")
+            raise refused(f"run {name}: a_i_g and a_p_g do not agree with position_deg")
     mountings = int(record["mounting"].max()) + 1
     if mountings > MAX_MOUNTINGS:
         raise refused(f"{mountings} mountings, at most {MAX_MOUNTINGS} expected")
     spread_c, noise_c = _temperature(channel)
     if not spread_c > MOVED * noise_c:
         raise refused(
-            f"the temperature does not change beyond its noise of {noise_c:.2g} °C; at one "
-            "temperature `fit` gives the constants"
+            f"the temperature does not change by more than its noise of {noise_c:.2g} °C; for "
+            f"one temperature use `fit`, which gives the constants"
         )
     output = np.asarray(record.output)
     if np.ptp(output) == 0.0:

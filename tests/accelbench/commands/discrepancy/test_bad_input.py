@@ -144,4 +144,6 @@ def test_two_accelerometers_have_a_model_each(good: RecordedRuns, tmp_path: Path
     assert set(found[1].effects[0].parameters) == {"delta_o", "k_ip"}
     told = list(model_lines(found, tmp_path / "m.toml"))
     assert [line.split(":")[0] for line in told[:3]] == ["larger model", "of A alone", "of B alone"]
-    assert told[3:] == ["left out for B, these runs do not give all of it: delta_p, k_io"]
+    assert told[3:] == [
+        "left out for B, these runs cannot determine all of its parameters: delta_p, k_io"
+    ]

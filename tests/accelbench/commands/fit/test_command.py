@@ -58,7 +58,7 @@ def test_text_says_the_numbers_in_words(fitted):
     out = fitted.text
     raw_ug = fitted.document["accelerometers"][0]["residual_raw_ug"]
     assert f"residual {raw_ug:.0f} µg ({raw_ug / 1e3:.2f} mg) with constants only" in out
-    assert "these runs cannot give: delta_p" in out
+    assert "these runs cannot determine: delta_p" in out
     assert "at 40 °C" in out
     assert "valid from -20" in out
     assert fitted.document["model_id"] in out

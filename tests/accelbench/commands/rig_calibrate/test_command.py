@@ -77,8 +77,8 @@ def test_a_calibration_that_fails_ends_with_1_and_says_why(
     assert told.return_value == 1
     assert any("noise_contradiction" in w for w in json.loads(told.stdout)["warnings"])
     words = run(calibrate, path, "--holdout", "none").stdout
-    assert "failed: it does not hold that " in words
-    assert "that innovations are as large as their sigmas say" in words
+    assert "failed: not fulfilled: " in words
+    assert "that innovations agree with their sigmas" in words
     # what bounds errors in a run that passes bounds none in one that does not
     assert "the levels below hold only once what is wrong is mended" in words
 

@@ -211,7 +211,7 @@ def test_means_of_positions(tmp_path, capsys):
     for more in (("--rate-hz", "9"), ("--time-column", "1")):
         with pytest.raises(click.UsageError, match="do not belong to --means"):
             call(*given, *more)
-    with pytest.raises(click.UsageError, match="--sigma belongs to --means"):
+    with pytest.raises(click.UsageError, match="--sigma requires --means"):
         call(path, "--columns", "x,y,z", "--gravity", G, "--rate-hz", "9", "--sigma", "1")
     with pytest.raises(click.UsageError, match="--means needs --columns"):
         call(path, "--means")
