@@ -181,7 +181,7 @@ def _single_output(model: ErrorModel, record: Record) -> FloatArray:
     if record.output is None or record.output.ndim != 1:
         raise ValueError("the record must have one measured output")
     if len(record) <= len(model.names):
-        raise ValueError(f"{len(record)} readings cannot give {len(model.names)} unknowns")
+        raise ValueError(f"{len(record)} readings cannot determine {len(model.names)} unknowns")
     return record.output
 
 

@@ -197,7 +197,7 @@ def test_it_is_named_fitted_and_compensated_from_the_recorded_file(
         assert "--library" in refused(capsys, *words)
     other = written(tmp_path, CHAMBER.replace("15.0", "14.0"))
     words = ("compensate", path, "--model", model, "--library", other, "--out", out, "--force")
-    assert "as it was when this was made" in refused(capsys, *words)
+    assert "unchanged since the model was made" in refused(capsys, *words)
 
 
 @settings(max_examples=4, deadline=None)

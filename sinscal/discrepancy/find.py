@@ -140,7 +140,7 @@ def find_rig_discrepancy(
     source = RigSource(run, mode, first, present=present or RigModelFile())
     tell("calibrating with the present model")
     noise, measured = measured_noise(source)
-    tell("again with the noise that the run shows")
+    tell("again with the noise measured in the run")
     source = source.with_noise(noise)
     numbers = source.problem((), NoiseModel()).residual.size
     settings = Settings(

@@ -18,7 +18,7 @@ from sinscal.discrepancy.held_out import CycleGap, gap_of_cycle
 from sinscal.discrepancy.source import RigSource
 from sinscal.library import rig_library
 
-REPEAT = "repeat the same programme: what comes again belongs to the model, the rest does not"
+REPEAT = "repeat the same programme: an effect that repeats belongs to the model"
 
 
 class RigInnovations(Measurement[CycleGap, str]):

@@ -75,7 +75,7 @@ class RigLibrary:
             If no group has it.
         """
         if name not in self.parameters:
-            raise KeyError(f"{name} belongs to no group")
+            raise KeyError(f"{name} is not in a group")
         return self.parameters[name]
 
     @cached_property
@@ -96,8 +96,8 @@ class RigLibrary:
         """
         if name not in self.groups:
             raise KeyError(
-                f"no group {name!r}; known: {', '.join(self.groups)}; one of your own needs "
-                "--library FILE"
+                f"no group {name!r}; known: {', '.join(self.groups)}; a definition of your own "
+                f"needs --library FILE"
             )
         return self.groups[name]
 

@@ -79,7 +79,7 @@ MISALIGNMENT = Group(
     make=misalignment,
     prior_sigma=3.0 * ARCMIN,
     told=Told(unit="arcmin", size=ARCMIN),
-    signs="accel_misalignment_ab is Γab: what a force along b adds to accelerometer a",
+    signs="accel_misalignment_ab is Γab: the effect of a force along b on accelerometer a",
     basic=True,
 )
 SECOND_ORDER = Group(

@@ -92,7 +92,7 @@ EFFECTS = (
     ),
     RigEffect(
         name=MOUNT,
-        sentence="The SINS is mounted askew on the platform.",
+        sentence="The SINS is misaligned on the platform.",
         experiment="turn about two instrument axes at least without re-mounting",
         follows=PHASE,
         needs="angle",

@@ -278,7 +278,7 @@ def misalignment(c: ChannelId) -> Term | None:
     ]
     if not parts:
         return None
-    return term_of(f"{c.kind}_misalignment_{c.letter}", "The sensitive axis is turned.", parts)
+    return term_of(f"{c.kind}_misalignment_{c.letter}", "The sensitive axis is misaligned.", parts)
 
 
 WARM = "repeat the programme once cold after a rest and once warm, with a thermistor per sensor"

@@ -64,7 +64,7 @@ MISALIGNMENT = Group(
     make=misalignment,
     prior_sigma=3.0 * ARCMIN,
     told=Told(unit="arcmin", size=ARCMIN),
-    signs="gyro_misalignment_ab is Θab: what a rate about b adds to gyro a",
+    signs="gyro_misalignment_ab is Θab: the effect of a rate about b on gyro a",
     basic=True,
 )
 G_SENSITIVITY = Group(
@@ -96,7 +96,7 @@ EFFECTS = (
     effect_of(
         G_SENSITIVITY,
         "The gyros' drift changes with the specific force.",
-        "turn slowly both ways about each axis in turn, so that gravity goes round in the body",
+        "turn slowly both ways about each axis in turn, so that gravity rotates in the body",
         PHASE,
     ),
     effect_of(

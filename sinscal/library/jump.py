@@ -25,7 +25,7 @@ def bias_step(kind: Kind, at_s: float) -> Group:
     def make(c: ChannelId) -> Term:
         name = f"{kind}_bias_step_{c.letter}"
         part = (name, f"Δ{c.letter}", _unit(kind), after)
-        return _passing(term_of(name, "The constant error jumped.", [part]))
+        return _passing(term_of(name, "The constant error has a step.", [part]))
 
     return _of_constant_error(kind, "step", make)
 
@@ -84,7 +84,7 @@ EFFECTS = tuple(
     RigEffect(
         name=f"{kind}_bias_step",
         sentence=f"The constant errors of the {sensors} jumped.",
-        experiment="repeat the run: a jump does not come again at the same time",
+        experiment="repeat the run: a step does not repeat at the same time",
         follows=TIME,
         step=kind,
     )

@@ -107,7 +107,7 @@ def menu(channel: Channel) -> Iterator[Item]:
         *(_ramp(middle, rate), _ramp(hi, rate), _ramp(lo, rate), _hold(SOAK_MIN)),
     ]
     yield Item(
-        text=f"inner loops that turn back half way, at {rate:g} °C/min",
+        text=f"inner loops that reverse half way, at {rate:g} °C/min",
         sequence=_sequence(channel, "inner loops", lo, inner, 1, 0.0),
     )
     yield Item(

@@ -71,8 +71,8 @@ class ThermalLibrary:
         """
         if name not in self.terms:
             raise KeyError(
-                f"no term {name!r}; expected some of {', '.join(self.terms)}; one of your own "
-                "needs --library FILE"
+                f"no term {name!r}; expected some of {', '.join(self.terms)}; a definition of "
+                f"your own needs --library FILE"
             )
         return self.terms[name]()
 

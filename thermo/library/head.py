@@ -39,7 +39,7 @@ def indexer_harmonic(order: int) -> Term:
 
     return Term(
         name=name,
-        sentence=f"The head's angle errs with {order} periods a turn.",
+        sentence=f"The error of the head's angle has {order} periods a turn.",
         place="input",
         coefficients=(
             millionths(f"{name}_sin", "es", "µrad", family="indexer_harmonic"),
@@ -61,7 +61,7 @@ def remount(number: int) -> Term:
         remount_name(number),
         symbol=f"m{number}",
         unit="µrad",
-        sentence="Mounted anew on the head, the accelerometer is turned by a small angle.",
+        sentence="After remounting on the head, the accelerometer is rotated by a small angle.",
         column=lambda r: r["a_p_g"] * (r["mounting"] == number),
         needs=("a_p_g", "mounting"),
         family="remount",
@@ -84,7 +84,7 @@ TERMS: dict[str, Callable[[], Effect]] = {
 EFFECTS = (
     ThermalEffect(
         name="indexer_harmonic",
-        sentence="The head's angle errs periodically over a turn, {size}.",
+        sentence="The head's angle has a periodic error over a turn, {size}.",
         forms=_harmonic,
         experiment="positions every 15°, and the same with the accelerometer mounted turned by "
         "90° on the head",

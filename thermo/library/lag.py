@@ -77,7 +77,7 @@ def thermal_lag_two_poles() -> InputChange:
     return InputChange(
         name="thermal_lag_two_poles",
         sentence="The inside of the accelerometer follows its thermistor through two thermal "
-        "resistances in a row.",
+        "resistances in series.",
         change=change,
         parameters=(
             Parameter(name="thermal_lag", symbol="τ", unit="s", lo=0.1, hi=3600.0, start=60.0),
@@ -127,10 +127,11 @@ EFFECTS = (
     ThermalEffect(
         name="thermal_lag",
         sentence="The inside of the accelerometer follows its thermistor with a time constant of "
-        "{size}: its temperature is not the one recorded while that changes.",
+        "{size}: while the temperature changes, it differs from the recorded one.",
         forms=_forms,
-        experiment="a second ramp rate, and holds of three time constants after each ramp: a lag "
-        "dies away in them, and grows with the slope of the scale factor and bias there",
+        experiment="a second ramp rate, and holds of three time constants after each ramp: the "
+        "effect of a lag decays in the holds and is proportional to the slope of scale factor "
+        "and bias",
         # the thermistor sits on the shell, the proof mass a minute behind it
         example=Example(term="thermal_lag", values={"thermal_lag": 60.0}),
     ),

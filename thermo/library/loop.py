@@ -108,7 +108,7 @@ def loop_start(name: str, place: Place, unit: str) -> Term:
 
     return Term(
         name=own,
-        sentence="The run begins with the loop's state of what went before.",
+        sentence="The run begins with the state of the loop from the earlier history.",
         place=place,
         coefficients=(
             millionths(own, "h0", unit, family=name, label="start", prior_sigma=ORDINARY),
@@ -186,8 +186,8 @@ EFFECTS = (
         sentence="The bias differs between heating and cooling at the same temperature, however "
         "slow the change; half the open loop is {size}.",
         forms=_forms("bias_hysteresis"),
-        experiment="an inner loop that turns back half way, and a slower ramp: a loop does not "
-        "depend on the rate and survives a hold",
+        experiment="an inner loop that reverses half way, and a slower ramp: a loop does not "
+        "depend on the rate and persists in a hold",
         example=_example("bias_hysteresis"),
     ),
     ThermalEffect(
@@ -195,7 +195,7 @@ EFFECTS = (
         sentence="The scale factor differs between heating and cooling at the same temperature; "
         "half the open loop is {size}.",
         forms=_forms("scale_hysteresis"),
-        experiment="an inner loop that turns back half way, tumbled between +1 g and −1 g",
+        experiment="an inner loop that reverses half way, tumbled between +1 g and −1 g",
         example=_example("scale_hysteresis"),
     ),
 )

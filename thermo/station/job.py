@@ -132,7 +132,7 @@ def resumed_job_in(
     stored = parse_sequence(test.sequence_toml, f"test {test_id}")
     if sequence is not None and sequence != stored:
         raise StoreError(
-            f"{source}: is another sequence than the one test {test_id} was begun with"
+            f"{source}: is a different sequence from that of test {test_id} was begun with"
         )
     emulated = False
     if station is None:

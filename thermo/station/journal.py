@@ -62,7 +62,7 @@ class Journal:
         """Show how far the test is; nothing is stored but that a display was lost."""
         self._observers.tell(lambda observer: observer.on_progress(progress))
         for reason in self._observers.newly_lost():
-            self.event("display lost", f"{reason}; the test goes on without it")
+            self.event("display lost", f"{reason}; the test continues without it")
 
     def schedule(self, *, shift_s: float, segment: int, attempt: int) -> None:
         """Store where the schedule stands, for a resumption."""

@@ -63,7 +63,7 @@ class InterferedError(Exception):
 
     def __init__(self, began_s: float) -> None:
         self.began_s = began_s
-        super().__init__("the chamber was changed by somebody else")
+        super().__init__("somebody else changed the chamber")
 
 
 class ChamberOccupiedError(WorkbenchError):
@@ -165,7 +165,7 @@ class Observers:
             except Exception:
                 if id(observer) not in self._failed:
                     self._failed.add(id(observer))
-                    log.warning("an observer failed; the test goes on", exc_info=True)
+                    log.warning("an observer failed; the test continues", exc_info=True)
 
 
 class RunControl:

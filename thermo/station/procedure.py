@@ -176,7 +176,7 @@ class _Test:
         except (InstrumentError, StoreError) as err:
             end.status, end.reason = "failed", one_line(err)
         except Exception as err:
-            log.exception("the test ends by an error of the program")
+            log.exception("the test ended because of an error of the program")
             end.status, end.reason = "failed", f"{type(err).__name__}: {one_line(err)}"
 
     # ---- the beginning ----

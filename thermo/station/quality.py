@@ -52,7 +52,7 @@ class Repetition:
 
 @dataclass(slots=True)
 class HeadWatch:
-    """Notices a head that stays at one angle although it is sent elsewhere."""
+    """Notices a head that stays at one angle although it was sent elsewhere."""
 
     _stays_deg: float = math.nan
     _away: int = 0
@@ -83,7 +83,7 @@ class Quality:
         if not self._head.see(position_deg, sent_deg):
             return []
         return self._once(
-            "head", f"head stays at {position_deg:.3f}° although it is sent elsewhere"
+            "head", f"head stays at {position_deg:.3f}° although it was sent elsewhere"
         )
 
     def see_rows(self, rows: Sequence[ReadingRow]) -> list[str]:

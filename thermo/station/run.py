@@ -139,7 +139,9 @@ class Run:
             first += 1
         first = min(first, self._plan.slots)
         self._skip(first - self._slot)
-        session.journal.event("missed", f"slots {self._slot}…{first - 1}: overtaken by the time")
+        session.journal.event(
+            "missed", f"slots {self._slot}…{first - 1}: skipped, because they are late"
+        )
         self._enter(first)
         return True
 

@@ -42,7 +42,7 @@ def decide_run_in(store: Store, test_id: str, sequence: Sequence, cycles: int) -
     """Decide after a cycle whether a run-in goes on.
 
     It stops when every accelerometer has settled, or at the most cycles allowed. A cycle that
-    cannot be evaluated decides nothing: the run-in goes on to the next.
+    cannot be evaluated does not contribute to the decision: the run-in goes on to the next.
 
     Parameters
     ----------
@@ -59,8 +59,10 @@ def decide_run_in(store: Store, test_id: str, sequence: Sequence, cycles: int) -
     try:
         verdicts = judge_stored(store, test_id, rule, cycles)
     except WorkbenchError as err:
-        reason = f"{cycles} cycles done; not settled as far as can be told: {err}"
-        return Decision(reason=reason, lines=(f"cycle {cycles} decides nothing: {err}",))
+        reason = f"{cycles} cycles done; not settled as far as the cycles show: {err}"
+        return Decision(
+            reason=reason, lines=(f"cycle {cycles} does not contribute to the decision: {err}",)
+        )
     lines = tuple(v.sentence for v in verdicts)
     unsettled = [v.serial for v in verdicts if not v.settled]
     if not unsettled:

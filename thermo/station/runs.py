@@ -140,7 +140,7 @@ class RunSeries:
         try:
             readings = self._store.readings(self._test_id, number)
         except StoreAwayError as err:  # no reason to end the test: they can be judged later
-            self._session.journal.event("ramp", f"run {number} is not judged now: {err}")
+            self._session.journal.event("ramp", f"run {number} has no verdict yet: {err}")
             return
         for verdict in judge_test(self._plan, readings):
             self._session.journal.event("ramp", verdict.sentence)
@@ -150,6 +150,6 @@ class RunSeries:
         try:
             bad = find_bad_shares(self._store, self._test_id, self._plan, session.beat)
         except StoreAwayError as err:  # the test is done, and whether it is good is not known
-            bad = [f"readings missed and flagged are not judged: {err}"]
+            bad = [f"missed and flagged readings were not checked: {err}"]
         for text in bad:
             session.journal.complain(text)

@@ -130,7 +130,7 @@ def stop_head(head: IndexingHead) -> tuple[bool, str]:
             head.stop()
             if not head.is_moving():
                 return True, "head: stopped"
-            line = "head: told to stop, still turning"
+            line = "head: commanded to stop, still turning"
         except BaseException as err:
             line = f"head: cannot be stopped: {one_line(err)}"
     log.warning("%s", line)

@@ -236,7 +236,7 @@ class Session:
         began_s = self.clock.now_s()
         self.control.pause()
         self.journal.event(
-            "pause", f"the chamber is left to who changed it: {self._changes_text()}"
+            "pause", f"the test stops commanding the chamber: {self._changes_text()}"
         )
         while self.control.paused:
             self.sleep_until(self.clock.now_s() + CHECK_S)

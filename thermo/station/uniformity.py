@@ -273,7 +273,7 @@ def _with_sentence(verdict: RampVerdict, rule: Uniformity) -> RampVerdict:
             f"{place}: {word}: {verdict.measured:+.3f} ± {verdict.measured_sigma:.1g} °C/min for "
             f"{verdict.commanded:+.3f} commanded, {100 * verdict.share_inside:.1f} % of "
             f"{verdict.readings} readings within ±{verdict.half_band:.3f} "
-            f"({100 * rule.min_share_inside:g} % are asked for)"
+            f"({100 * rule.min_share_inside:g} % are required)"
         )
         if max(verdict.longest_outside_min, verdict.unread_min) > rule.window_min:
             what = (
@@ -284,12 +284,12 @@ def _with_sentence(verdict: RampVerdict, rule: Uniformity) -> RampVerdict:
         blur = NOISE_SIGMAS * verdict.noise_c * verdict.slope_gain
         if blur > verdict.half_band:
             sentence += (
-                f"; the thermistor's noise of {verdict.noise_c:.2g} °C hides what differs by less "
+                f"; the thermistor's noise of {verdict.noise_c:.2g} °C hides differences of less "
                 f"than {verdict.half_band + blur:.2g} °C/min"
             )
         if verdict.mismatch_percent is not None:
             sentence += (
-                f"; the SINS warms itself at {verdict.sins_rate:.3f} °C/min, mismatch "
+                f"; the SINS warms up at {verdict.sins_rate:.3f} °C/min, mismatch "
                 f"{verdict.mismatch_percent:+.1f} %"
             )
     return replace(verdict, sentence=sentence)

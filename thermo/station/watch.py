@@ -157,7 +157,7 @@ class LimitWatch:
         raise ThermistorLostError(
             f"accelerometer {serial}: its thermistor {why}"
             + ("" if repeated else f", {times} times in a row")
-            + "; its temperature is not limited any more"
+            + "; its temperature limit no longer protects"
         )
 
     def alarms(self, alarms: tuple[str, ...]) -> None:

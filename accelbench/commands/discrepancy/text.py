@@ -149,7 +149,7 @@ def shared_lines(found: Sequence[Discrepancy]) -> Iterator[str]:
                 f"in one accelerometer."
             )
         else:
-            yield f"{s.effect} is alike in {told}, as an error of the {s.owner} would be."
+            yield f"{s.effect} has the same size in {told}, like an error of the {s.owner}."
 
 
 def rival_lines(d: Conclusion[Any, Any]) -> Iterator[str]:

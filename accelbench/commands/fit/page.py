@@ -140,7 +140,7 @@ def findings(one: AccelerometerFit) -> Iterator[str]:
     if loop.stands_out and loop.repeats is not False and loop.median_ug is not None:
         yield (
             f"a thermal-history effect is left, heating less cooling {micro_g(loop.median_ug)}, "
-            "which no polynomial in temperature can hold"
+            "which no polynomial in temperature can describe"
         )
     if one.doubts.left_out:
         yield left_out_sentence(one.doubts.left_out)

@@ -80,9 +80,10 @@ class SearchState:
     complete : bool
         No further effect enters.
     p_at_entry : mapping of str to float
-        p-value of each effect when it entered: the noise is estimated beside an event afterwards.
+        p-value of each effect when it was added; afterwards the noise is estimated together with an
+        event.
     pairs_instead : mapping of str to tuple of str
-        Two effects that explain more than the one named, not enough to take its place.
+        Two effects that explain more than the named one, but not enough to replace it.
     slots : tuple of Slot
         The effects found, each with its rivals beside all others.
     explained : float

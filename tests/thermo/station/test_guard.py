@@ -289,7 +289,7 @@ def test_a_killed_guardian_is_replaced_within_one_look(bench, sitting, tmp_path)
     os.kill(first, signal.SIGKILL)
     until(lambda: process_state(first)[0] == "gone")
     (event,) = sitting.beat()
-    assert f"process {first}, is gone" in event
+    assert f"process {first}, has ended" in event
     assert sitting.beat() == ()
     second = guardian_pid(bench)
     assert second != first

@@ -28,5 +28,5 @@ def test_a_guardian_that_could_not_make_the_chamber_safe_is_shown(
     assert main(["runs", "--store", str(store)]) == 0
     told = capsys.readouterr().out
     assert f"guardian of {test_id}" in told
-    assert "goes on trying" in told
+    assert "keeps trying" in told
     assert "no answer in 1 s" in told
