@@ -55,7 +55,7 @@ def verdict(result: ResultContent) -> str:
     }
     asks = "; `accelbench discrepancy rig` searches for the missing effect"
     hint = asks if missing and result.mode != "navigation" else ""
-    return f"failed: not fulfilled: {'; that '.join(failed)}{hint}"
+    return f"failed: not fulfilled: {'; '.join(failed)}{hint}"
 
 
 def not_made(result: ResultContent) -> str:
