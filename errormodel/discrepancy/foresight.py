@@ -11,7 +11,7 @@ from errormodel.discrepancy.scan import NOTHING, ROUNDING, View
 
 # An effect is foreseen to be named at this whitened strength (seven sigma of its own size).
 NAMEABLE_D = 7.0
-# From this share on, one pattern stands for another.
+# From this share on, one pattern can replace another.
 SAME = 0.98
 
 
@@ -41,7 +41,7 @@ class Foresight:
     imitated: FloatArray
 
     def partners(self, name: str) -> tuple[str, ...]:
-        """Return the effects that stand for the one named whatever its size."""
+        """Return the effects that can imitate the named one at any size."""
         if name not in self.names:
             return ()
         row = self.imitated[self.names.index(name)]
@@ -49,7 +49,7 @@ class Foresight:
 
 
 def foresee(view: View, candidates: Sequence[Candidate]) -> Foresight:
-    """Tell what can be shown of each candidate under a noise.
+    """Return the visibility of each candidate under a noise.
 
     Parameters
     ----------

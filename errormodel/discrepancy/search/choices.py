@@ -28,11 +28,11 @@ class Rules:
     alpha_rest : float
         False-alarm rate for declaring the remainder unexplained.
     alias : float
-        Effects whose gain (beyond the expected null gain) is within this of the best cannot be
-        told from it. Two effects that truly differ by this in expectation are taken for each
-        other in about one case in 700.
+        Effects with a gain (beyond the expected null gain) within this of the best cannot be
+        separated from it. Two effects with this expected difference are confused in about one case
+        in 700.
     share : float
-        Share of the excess that the named effects must explain for their names to stand.
+        Share of the excess that the named effects must explain.
     flexible : float
         Chi-square that a flexible form must gain, beyond twice its further parameters.
     relative : float
@@ -41,11 +41,11 @@ class Rules:
     most : int
         Effects named at most.
     over_wander : float
-        Twice the log of how much likelier the events named must be than a smooth wander in their
-        place: ten times.
+        Twice the log-likelihood ratio by which the named events must exceed a smooth wander: a
+        factor of ten.
     pairs : bool
-        Whether two effects at once are tried before one is named: where many follow the same
-        input, as over temperature, two may half cancel.
+        True to try two effects at once before one is named. If many effects follow the same input,
+        such as temperature, two may half cancel.
     """
 
     alpha: float = 0.002

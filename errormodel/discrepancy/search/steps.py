@@ -28,7 +28,7 @@ class Step:
     thresholds: tuple[str, ...] = ()
 
 
-# What is gone through until no further effect enters, at most `Rules.most` times.
+# Steps that are repeated until no further effect enters, at most `Rules.most` times.
 ROUND = (
     Step(
         "the likeliest effect is added",
@@ -43,7 +43,7 @@ ROUND = (
         ("pairs", "further", "least", "relative"),
     ),
 )
-# What is gone through once all have entered.
+# Steps after all effects have entered.
 CLOSE = (
     Step("every effect is compared with its rivals", settle_slots, ("least", "alpha", "alias")),
     Step("without effects, the noise of the present model is kept", forget_noise_without_effects),
@@ -53,7 +53,7 @@ CLOSE = (
 
 
 def choose_effects(task: SearchTask) -> tuple[Choice, ...]:
-    """Return the effects that enter, without holding them against their rivals."""
+    """Return the effects that enter, without comparing them with their rivals."""
     return _added(task).chosen
 
 
@@ -67,7 +67,7 @@ def search(task: SearchTask) -> SearchState:
     Returns
     -------
     SearchState
-        The last: what was found, under which noise.
+        The last state: the named effects and the noise.
     """
     state = _added(task)
     for step in CLOSE:
