@@ -1,4 +1,4 @@
-"""Lever arms: the accelerometers' sensing masses stand off the centre of rotation."""
+"""Lever arms of the accelerometers' sensing masses from the centre of rotation."""
 
 from functools import partial
 

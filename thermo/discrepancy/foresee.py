@@ -1,4 +1,4 @@
-"""Missing effects that a planned test could show, and those it could not tell apart."""
+"""Missing effects that a planned test can show, and those that it cannot separate."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -20,14 +20,14 @@ from thermo.twin.planted import plain_accelerometer
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EffectsForeseen:
-    """Effects that a planned test cannot show or tell apart.
+    """Effects that a planned test cannot show or separate.
 
     Attributes
     ----------
     invisible : tuple of str
         Effects that the runs cannot show, whatever their size.
     alike : tuple of (str, str)
-        Pairs of which the one imitates the other to 98 %.
+        Pairs in which one effect imitates the other to 98 %.
     """
 
     invisible: tuple[str, ...]
@@ -56,7 +56,7 @@ def foresee_effects(
     Parameters
     ----------
     runs : sequence of RunPlan
-        The runs that will be searched together; the first twelve of more, the most there can be.
+        The runs that will be searched together; at most the first twelve.
     t_ref_c : float
         Reference temperature, °C.
     mount_deg : float

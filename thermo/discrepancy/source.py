@@ -1,4 +1,4 @@
-"""The engine's problem of one accelerometer's chamber runs: signatures of effects, refits."""
+"""The search problem of the chamber runs of one accelerometer: signatures of effects, refits."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -43,13 +43,13 @@ class Fitted:
 
     @property
     def idle(self) -> frozenset[str]:
-        """Parameters that have no effect in these runs: nothing was learnt of them."""
+        """Parameters that have no effect in these runs and are not determined."""
         columns = zip(self.free, self.jacobian.T, strict=True)
         return frozenset(name for name, column in columns if not column.any())
 
 
 class ThermalSource:
-    """A channel, its present model and the library, as the engine asks for them."""
+    """A channel, its present model and the library, as input of the search."""
 
     def __init__(
         self,
@@ -107,7 +107,7 @@ class ThermalSource:
         return bool(self._alone(effect)) and not self.forms(effect)
 
     def holds_some(self, effect: ThermalEffect) -> bool:
-        """Tell whether the present model has a term of an effect; an order is one of its own."""
+        """Return True if the model has a term of an effect; each order is separate."""
         plain = {n for form in self._alone(effect)[:1] for n in form.terms}
         return bool(plain & self._context.term_names - ORDER_NAMES)
 
@@ -116,7 +116,7 @@ class ThermalSource:
         return effect.forms(context_of(ErrorModel(()), self._context.runs, 1.0, 1.0, (1.0,)))
 
     def form_of(self, choice: Choice) -> Form:
-        """Return the form that the engine chose."""
+        """Return the form that the search selected."""
         effect = next(e for e in self.effects if e.name == choice.name)
         return self.forms(effect)[1 if choice.flexible else 0]
 
@@ -180,7 +180,7 @@ class ThermalSource:
         )
 
     def problem(self, chosen: Sequence[Choice], noise: NoiseModel) -> Problem:
-        """Return the engine's problem of the enlarged model, refitted under a noise."""
+        """Return the search problem of the enlarged model, refitted under a noise."""
         key = (tuple(chosen), noise)
         if key not in self._cached:
             self._cached[key] = self._problem(chosen, noise)

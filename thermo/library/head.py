@@ -1,4 +1,4 @@
-"""The indexing head: its angle's harmonics, and accelerometers mounted anew on it."""
+"""The indexing head: harmonics of its angle error, and remounted accelerometers."""
 
 from collections.abc import Callable, Sequence
 
@@ -31,11 +31,11 @@ def indexer_harmonic(order: int) -> Term:
 
     def columns(record: Record) -> FloatArray:
         own = np.arctan2(record["a_i_g"], record["a_p_g"])
-        # the error is the head's own, however the accelerometer is mounted on it
+        # the error belongs to the head, independent of the mounting of the accelerometer
         head_deg = record.signals.get("head_deg")
         angle = order * (own if head_deg is None else np.deg2rad(head_deg))
         error = np.column_stack([np.sin(angle), np.cos(angle)])
-        return np.round(record["a_p_g"][:, None] * error, 12)  # what is zero shall be zero
+        return np.round(record["a_p_g"][:, None] * error, 12)  # remove rounding errors of zero
 
     return Term(
         name=name,
@@ -56,7 +56,7 @@ def remount_name(number: int) -> str:
 
 
 def remount(number: int) -> Term:
-    """Return the angle by which mounting `number` misses the first, about the output axis."""
+    """Return the angle of mounting `number` relative to the first, about the output axis."""
     return one_column(
         remount_name(number),
         symbol=f"m{number}",

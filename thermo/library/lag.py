@@ -10,7 +10,7 @@ from errormodel.record import Record
 from errormodel.terms import Effect, InputChange, Memory, Parameter, Values
 from thermo.library.effects import Context, Example, Form, ThermalEffect, log_grid
 
-LAGGING = ("x_c", "x_slow_c", "rate_c_per_min")  # what is of the inside where it was measured
+LAGGING = ("x_c", "x_slow_c", "rate_c_per_min")  # signals of the inside temperature
 
 
 @numba.njit(cache=True)
@@ -31,7 +31,7 @@ def _follow(
 
 
 def _lagging(record: Record, memory: Memory, taus_s: Sequence[float]) -> tuple[Record, Memory]:
-    """Return the record behind first-order lags in a row, and where each of them stands."""
+    """Return the record after first-order lags in series, and the state of each lag."""
     changed: dict[str, FloatArray] = {}
     after: dict[str, Memory] = {}
     for signal in LAGGING:
@@ -69,7 +69,7 @@ def thermal_lag() -> InputChange:
 
 
 def thermal_lag_two_poles() -> InputChange:
-    """Return a lag of two poles in a row: `thermal_lag` behind `thermal_lag_second`."""
+    """Return a lag with two poles in series: `thermal_lag` behind `thermal_lag_second`."""
 
     def change(record: Record, values: Values, memory: Memory) -> tuple[Record, Memory]:
         return _lagging(record, memory, [values["thermal_lag"], values["thermal_lag_second"]])
@@ -132,7 +132,7 @@ EFFECTS = (
         experiment="a second ramp rate, and holds of three time constants after each ramp: the "
         "effect of a lag decays in the holds and is proportional to the slope of scale factor "
         "and bias",
-        # the thermistor sits on the shell, the proof mass a minute behind it
+        # the thermistor is on the shell; the proof mass follows with one minute
         example=Example(term="thermal_lag", values={"thermal_lag": 60.0}),
     ),
 )

@@ -1,4 +1,4 @@
-"""Terms of a campaign, a power-on or a moment: bias that relaxes, jumps or drifts."""
+"""Terms of a campaign, a power-on or one time: a bias that relaxes, steps or drifts."""
 
 from collections.abc import Callable, Sequence
 
@@ -47,7 +47,7 @@ def run_in() -> Term:
 
 
 def warm_up() -> Term:
-    """Return a bias that dies away after each power-on, which a run's start is taken for."""
+    """Return a bias change that decays after each start of a run (power-on)."""
     return Term(
         name="warm_up",
         sentence="A change of bias decays after each power-on while the accelerometer warms up.",
@@ -117,7 +117,7 @@ def bias_step() -> Term:
 
 
 def bias_drift() -> Term:
-    """Return a bias that changes uniformly over the campaign."""
+    """Return a bias that changes linearly over the campaign."""
     return one_column(
         "bias_drift",
         symbol="D",
@@ -134,7 +134,7 @@ def bias_drift() -> Term:
 def _relaxing(
     name: str, parameter: str, range_of: Callable[[Context], tuple[float, float]]
 ) -> Callable[[Context], Sequence[Form]]:
-    """Return the form of a bias that dies away, its time constant in a range the runs allow."""
+    """Return the form of a decaying bias, with a time constant in the range that the runs allow."""
 
     def forms(at: Context) -> Sequence[Form]:
         if name in at.term_names:

@@ -1,4 +1,4 @@
-"""Heat that flows through the accelerometer: bias and scale factor follow dT/dt."""
+"""Heat flow through the accelerometer: bias and scale factor follow dT/dt."""
 
 from collections.abc import Callable, Sequence
 
