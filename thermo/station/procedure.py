@@ -159,8 +159,7 @@ class _Test:
 
     @contextmanager
     def _telling(self, end: _End) -> Generator[None]:
-        """Make an exception the reason of the end; re-raise those that mean that nothing was
-        begun."""
+        """Make an exception the reason of the end; re-raise if nothing was begun."""
         try:
             yield
         except ChamberOccupiedError as err:

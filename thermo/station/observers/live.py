@@ -157,7 +157,7 @@ class LiveEstimate:
 
 
 def _compile(bank: _Bank, model: LiveModel) -> None:
-    """Run every step of the filter once, because the first compilation takes seconds."""
+    """Run every step of the filter once, because it is compiled at the first call."""
     for time_s in (0.0, 1.0, 2.0):
         columns, model = model.step(model.trial(time_s))
         bank = bank.step(time_s, columns, 0.0)
