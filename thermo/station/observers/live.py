@@ -130,8 +130,7 @@ class LiveEstimate:
         """Nothing to do."""
 
     def fit_of(self, serial: str) -> RecursiveFit:
-        """Return the likeliest filter of one accelerometer; its values are in units of prior
-        sigmas."""
+        """Return the likeliest filter of one accelerometer, in units of prior sigmas."""
         bank = self._state[serial].bank
         return bank.fits[int(np.argmax(bank.log_like))]
 
