@@ -89,7 +89,7 @@ def test_runs_that_differ_are_told_and_carried(runs: int, differs, unit: str) ->
 
 def test_a_single_run_says_that_it_knows_nothing_of_others() -> None:
     one = fitted(Setup(runs=1))
-    assert "nothing is known of what differs from run to run" in said(one)
+    assert "the differences between runs are not known" in said(one)
     assert make_model_file([one]).accelerometers[0].run_to_run is None
     assert worst(one, Setup()) < 5.0
 
@@ -206,7 +206,7 @@ def test_three_soaks_carry_the_third_order_that_they_cannot_show() -> None:
 def test_runs_none_of_which_can_be_held_out_say_why() -> None:
     one = fitted(Setup(runs=3, soaks_c=(-40.0, 25.0, 70.0)))
     assert one.heldout is None
-    assert "no run can be held out: without it the others cannot give every" in said(one)
+    assert "no run can be held out: the other runs alone do not determine every" in said(one)
 
 
 @pytest.mark.parametrize("noise_c", [0.1, 0.3])
@@ -222,9 +222,9 @@ def test_a_noisy_thermistor_in_a_narrow_range_is_in_the_sigmas(noise_c: float) -
     ("setup", "words"),
     [
         (Setup(lag_s=120.0), "slope over temperature (a lag of 11"),
-        (Setup(lag_s=120.0), "that is no drift"),
+        (Setup(lag_s=120.0), "this is not drift"),
         (Setup(loop_ug=20.0), "thermal-history effect"),
-        (Setup(line_ug_h=10.0), "drifts for longer than a run lasts"),
+        (Setup(line_ug_h=10.0), "bias drift is longer than a run"),
         (Setup(truth={**TRUE, "k0_t5": 4e-7}), "to the power 5"),
         (Setup(lag_s=120.0, corners_c=HEATING), "the sigmas do not allow for it: here a thermal"),
         (Setup(lsb_ug=50.0, white_ug=1.0), "the output goes in steps of 50 µg"),
@@ -271,7 +271,7 @@ def test_positions_that_are_not_what_is_recorded_are_told() -> None:
     )
     runs = make_runs(frame, output_unit="mA", gravity_m_s2=9.80665, nominal_scale=1.3)
     (one,) = fit_runs(runs)
-    assert "positions that are not what is recorded, a head still moving" in said(one)
+    assert "check for wrong positions, a head that moves during the readings" in said(one)
 
 
 def test_what_repeats_and_was_not_stated_is_told() -> None:

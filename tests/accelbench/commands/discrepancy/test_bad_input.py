@@ -122,7 +122,7 @@ def test_one_run_at_one_position_says_what_it_cannot_show(good: RecordedRuns) ->
     here = (frame["run"] == "1") & (frame["position_deg"] == 90.0)
     (d,) = find_discrepancy(again(good, frame[here]), draws=FEWER)
     text = "\n".join(verdict_lines(d))
-    assert "One run does not tell what repeats" in text
+    assert "One run does not show what repeats" in text
     assert {"second_order", "third_order", "cross_axis", "turn_on_offset"} <= set(d.invisible)
     assert f"These runs cannot show at all: {', '.join(d.invisible)}." in text
 

@@ -80,7 +80,7 @@ def test_a_calibration_that_fails_ends_with_1_and_says_why(
     assert "failed: not fulfilled: " in words
     assert "that innovations agree with their sigmas" in words
     # what bounds errors in a run that passes bounds none in one that does not
-    assert "the levels below hold only once what is wrong is mended" in words
+    assert "the levels below are valid only after the cause is removed" in words
 
 
 def test_a_protection_level_above_its_limit_ends_with_1_and_says_what_to_add(
