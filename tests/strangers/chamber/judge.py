@@ -18,7 +18,8 @@ from tests.strangers.chamber.setups import AXES, HEADS, SetUp
 SERIAL, CRASH = "A1", 99
 POINTERS = (
     r"still follows|of the residual change|times the noise|too many readings"
-    r"|is longer than a run|thermal-history|runs? differ by|reduces slopes|coarser than its noise|is not noise|lies apart"
+    r"|is longer than a run|thermal-history|runs? differ by|lies apart"
+    r"|reduces slopes|coarser than its noise|is not noise"
     r"|left out as clipped|left out as flat|not determined there"
 )
 # What a test cannot show is said of sound runs too: it points at a kind only where it names it.
