@@ -15,9 +15,12 @@ from errormodel.terms import Description
 from sinscal.library import RigLibrary, rig_library
 from sinscal.library.angle import MOUNT
 from sinscal.library.groups import Group
-from sinscal.library.jump import JUMPS
-from sinscal.model.sensors import Motion, SensorModel, as_vector, sensor_model
+from sinscal.library.jump import DRIFTS, JUMPS
+from sinscal.model.motion import Motion
+from sinscal.model.sensors import SensorModel, as_vector, sensor_model
 
+# Share of a passing change that a constant error has reached when the run is over.
+REACHED = {**dict.fromkeys(JUMPS, 1.0), **{one.name: 0.5 for one in DRIFTS}}
 SYMMETRY = 1e-6  # of correlations
 # Rounding in a filter leaves the correlation matrix this short of no negative variance.
 NEGATIVE = 1e-8
@@ -33,7 +36,7 @@ def flies(group: Group) -> bool:
 
 def _in_flight(one: Description) -> bool:
     """Return whether a parameter goes into flight; a jump is over, the mounting stays behind."""
-    if one.group == MOUNT or one.group in JUMPS:
+    if one.group == MOUNT or one.group in REACHED:
         return False
     known = rig_library().groups
     return one.group not in known or flies(known[one.group])
@@ -105,18 +108,20 @@ class Calibration:
 
         The rig's own parameters are left out, and so is what changes with temperature: the flight
         is taken to be at the reference temperature. A jump of a constant error is over by then: its
-        size is part of the constant error.
+        size is part of the constant error. A drift of it, which has zero mean over the run, has
+        reached half its size at the end where it is even, and less where it fades: half of it is
+        part of the constant error.
         """
         cov = np.asarray(cov, dtype=float)
         if cov.shape != (len(names), len(names)):
             raise ValueError(f"the covariance has shape {cov.shape}, expected {(len(names),) * 2}")
-        known = rig_library()
-        ones = [known.parameters.get(name) for name in names]
+        known = rig_library().parameters
+        ones = [known.get(name) for name in names]
         places = {(one.group, one.axis): k for k, one in enumerate(ones) if one}
         into = np.eye(len(names))
         for k, one in enumerate(ones):
-            if one and one.group in JUMPS:
-                into[places[one.family, one.axis], k] = 1.0
+            if one and one.group in REACHED:
+                into[places[one.family, one.axis], k] = REACHED[one.group]
         cov = into @ cov @ into.T
         keep = [k for k, one in enumerate(ones) if one is None or _in_flight(one)]
         return cls(names=tuple(names[k] for k in keep), cov=cov[np.ix_(keep, keep)])

@@ -47,7 +47,7 @@ class FlownCalibration:
     is_article: bool = False
 
 
-def fly(
+def fly_calibration(
     given: GivenCalibration,
     plan: FlightPlan,
     noise: FlightNoise,

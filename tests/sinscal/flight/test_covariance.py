@@ -228,3 +228,11 @@ def test_a_jump_is_part_of_the_bias_that_flies() -> None:
     assert calibration.names == ("gyro_bias_x", "accel_scale_z")
     # of bias + step: 4 + 2 − 2·1.5, and their covariances with the scale error
     assert_allclose(calibration.cov, [[3.0, 0.3], [0.3, 1.0]])
+
+
+def test_half_of_a_drift_about_its_mean_is_part_of_the_bias_that_flies() -> None:
+    names = ("gyro_bias_x", "gyro_bias_drift_x")
+    calibration = Calibration.of_sensors(names, np.array([[4.0, 1.0], [1.0, 2.0]]))
+    assert calibration.names == ("gyro_bias_x",)
+    # of bias + drift / 2: 4 + 2 / 4 + 2·1 / 2
+    assert_allclose(calibration.cov, [[5.5]])
