@@ -34,7 +34,7 @@ def _delay(c: ChannelId) -> Term:
     name = f"accel_delay_{c.letter}"
 
     def late(record: Record) -> FloatArray:
-        # gravity stands still: in the body it changes by f × ω
+        # gravity is constant in local axes: in the body it changes by f × ω
         j, k = AXES[(c.axis + 1) % 3], AXES[(c.axis + 2) % 3]
         return record[f"f_{k}"] * record[f"w_{j}"] - record[f"f_{j}"] * record[f"w_{k}"]
 
@@ -52,8 +52,8 @@ def _temperature_scale(c: ChannelId) -> Term:
     return needing(term_of(name, sentence, [(name, f"ΓT{c.letter}", "1/°C", warmed)]), "x_c")
 
 
-# Priors: the article's for what it estimates; for the rest, assumed values of navigation-grade
-# sensors, several times what their data sheets allow.
+# Priors: those of the article for its parameters; otherwise assumed values for navigation-grade
+# sensors, several times the limits of their data sheets.
 BIAS = Group(
     name="accel_bias",
     kinds=("accel",),

@@ -1,4 +1,4 @@
-"""Errors of the rig's angle: its clock, its encoder, and how the SINS stands on the platform."""
+"""Errors of the rig's angle: its clock, its encoder, and the mounting of the SINS."""
 
 from collections.abc import Callable
 from functools import partial
@@ -24,7 +24,7 @@ from sinscal.recording.run import AXES
 TIME_OFFSET = "rig_time_offset"
 MOUNT = "rig_mount"
 MOUNT_SIGMA_RAD = float(np.deg2rad(1.0))  # the article's
-# The mounting on the platform: states of the filter beside the sensors' parameters.
+# The mounting on the platform: states of the filter in addition to the sensor parameters.
 MOUNTING = tuple(
     Coefficient(
         name=f"{MOUNT}_{a}",

@@ -37,8 +37,8 @@ def _asymmetry(c: ChannelId) -> Term:
     return term_of(name, sentence, [(name, f"Θ±{c.letter}", "1", lambda r: np.abs(r[c.input]))])
 
 
-# Priors: the article's for what it estimates; for the rest, assumed values of navigation-grade
-# sensors, several times what their data sheets allow.
+# Priors: those of the article for its parameters; otherwise assumed values for navigation-grade
+# sensors, several times the limits of their data sheets.
 BIAS = Group(
     name="gyro_bias",
     kinds=("gyro",),

@@ -112,8 +112,8 @@ def unlike_effects(of: SearchedChannel, every: Sequence[SearchedChannel]) -> tup
 def shared_effects(every: Sequence[SearchedChannel]) -> tuple[SharedEffect, ...]:
     """Return the causes that several accelerometers shared, each once.
 
-    Those of the head, the chamber and the digitiser that `unlike_effects` has left, and what
-    happened in several accelerometers at one moment of the same run.
+    These are effects of the head, the chamber and the digitiser that `unlike_effects` did not
+    refute, and events in several accelerometers at one time of the same run.
     """
     found: dict[tuple[str, frozenset[str]], SharedEffect] = {}
     for of in every:
@@ -204,7 +204,7 @@ class _Normal:
         )
 
     def gain(self) -> tuple[float, int]:
-        """Return the chi-square that the columns explain, and in how many directions.
+        """Return the chi-square that the columns explain, and the number of independent columns.
 
         A column that the others almost reproduce gives no information.
         """

@@ -15,14 +15,14 @@ class Rules:
     Attributes
     ----------
     alpha, alpha_event : float
-        False-alarm rates of the effects that repeat and of the events, each as a whole, for one
-        to enter.
+        False-alarm rates for adding an effect: for all repeatable effects together, and for all
+        events together.
     least : float
         Chi-square that an effect must explain beyond the expected null gain, beside the others, to
         keep its name.
     further : float
         Chi-square that a further effect must explain, beyond the expected null gain, beside one
-        that is named already: the shape of the first is never known quite.
+        that is already named, because the shape of the first is never known exactly.
     further_event : float
         Chi-square that a further event must explain.
     alpha_rest : float
@@ -65,7 +65,7 @@ class Rules:
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """An effect put into the model at its nonlinear parameters, or in its flexible form."""
+    """An effect in the model at given nonlinear parameters, or in its flexible form."""
 
     name: str
     theta: Theta
@@ -73,7 +73,7 @@ class Choice:
 
 
 class Source(Protocol):
-    """A measurement that gives the engine's problem of its model with some effects added."""
+    """A measurement that provides the search problem of its model with some effects added."""
 
     def problem(self, chosen: Sequence[Choice], noise: NoiseModel) -> Problem:
         """Return the problem of the enlarged model, refitted under a noise."""
