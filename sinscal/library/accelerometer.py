@@ -38,7 +38,7 @@ def _delay(c: ChannelId) -> Term:
         j, k = AXES[(c.axis + 1) % 3], AXES[(c.axis + 2) % 3]
         return record[f"f_{k}"] * record[f"w_{j}"] - record[f"f_{j}"] * record[f"w_{k}"]
 
-    sentence = "The accelerometer's readings are later than the gyros'."
+    sentence = "The accelerometer readings are delayed relative to the gyros."
     return term_of(name, sentence, [(name, f"τ{c.letter}", "s", late)])
 
 
@@ -118,7 +118,7 @@ GROUPS = (BIAS, SCALE, MISALIGNMENT, SECOND_ORDER, DELAY, TEMPERATURE_BIAS, TEMP
 EFFECTS = (
     effect_of(
         DELAY,
-        "The accelerometers' readings are later than the gyros'.",
+        "The accelerometer readings are delayed relative to the gyros.",
         "turn fast both ways: gravity is then seen turned by the rate times the delay",
         RATE,
     ),

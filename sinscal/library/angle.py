@@ -65,7 +65,7 @@ def _harmonic(order: int) -> Callable[[ChannelId], Term]:
             )
             for part, quarter in (("sin", 0.0), ("cos", 0.5 * np.pi))
         ]
-        sentence = f"The encoder's error has {order} period(s) a turn."
+        sentence = f"The encoder's error has {order} period(s) per turn."
         return term_of(f"rig_angle_harmonic_{order}", sentence, parts)
 
     return make
@@ -107,7 +107,7 @@ EFFECTS = (
     ),
     effect_of(
         HARMONIC,
-        "The encoder's error has one period a turn.",
+        "The encoder's error has one period per turn.",
         "turn through whole turns at a low rate both ways",
         PHASE,
         needs="angle",

@@ -33,7 +33,7 @@ def _g_sensitivity(c: ChannelId) -> Term:
 
 def _asymmetry(c: ChannelId) -> Term:
     name = f"gyro_scale_asymmetry_{c.letter}"
-    sentence = "The scale factor differs between turning one way and the other."
+    sentence = "The scale factor differs between the two directions of rotation."
     return term_of(name, sentence, [(name, f"Θ±{c.letter}", "1", lambda r: np.abs(r[c.input]))])
 
 
@@ -101,7 +101,7 @@ EFFECTS = (
     ),
     effect_of(
         SCALE_ASYMMETRY,
-        "The gyros' scale factors differ between turning one way and the other.",
+        "The gyros' scale factors differ between the two directions of rotation.",
         "turn about each axis at two rates or more, each both ways, with the rig's angle recorded",
         RATE,
     ),

@@ -15,7 +15,7 @@ from accelbench.shell.outputs import json_option
     type=Path,
     default=Path("accelbench-demo"),
     show_default=True,
-    help="A numbered folder is made in it.",
+    help="Folder in which a numbered folder is created.",
 )
 @click.option(
     "--hidden",

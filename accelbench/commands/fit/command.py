@@ -64,7 +64,7 @@ def fit(**given: Any) -> int:
 
 @click.command()
 @RUNS
-@click.option("--model", type=Path, required=True, help="MODEL.json, as fit writes it.")
+@click.option("--model", type=Path, required=True, help="MODEL.json from fit.")
 @click.option("--out", type=Path, required=True, help="The compensated recording to write.")
 @trust_option
 @force_option

@@ -37,10 +37,14 @@ NOT_NEGATIVE = click.FloatRange(min=0.0)
     help="Half the width of the snake trajectory.",
 )
 @click.option("--period-s", type=POSITIVE, default=300.0, help="The snake's period.")
-@click.option("--duration-s", type=click.FloatRange(min=60.0), default=3600.0, help="Of flight.")
-@click.option("--latitude-deg", type=click.FloatRange(-85, 85), default=55.75, help="Of the start.")
+@click.option(
+    "--duration-s", type=click.FloatRange(min=60.0), default=3600.0, help="Duration of the flight."
+)
+@click.option(
+    "--latitude-deg", type=click.FloatRange(-85, 85), default=55.75, help="Latitude of the start."
+)
 @click.option("--heading-deg", type=float, default=90.0, help="Mean heading from north clockwise.")
-@click.option("--height-m", type=click.FloatRange(-1e3, 5e4), default=0.0, help="Kept throughout.")
+@click.option("--height-m", type=click.FloatRange(-1e3, 5e4), default=0.0, help="Constant height.")
 @click.option("--flat", is_flag=True, help="Turn without banking.")
 @click.option("--takeoff-s", type=NOT_NEGATIVE, default=100.0, help="Run from rest; 0: in the air.")
 @click.option(

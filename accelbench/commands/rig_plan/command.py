@@ -29,9 +29,11 @@ groups_option = click.option(
     help="The sensors' errors; by default those of the programme.",
 )
 @click.option("--truth", type=Path, help="TRUTH.json to write: the true errors.")
-@click.option("--seed", type=click.IntRange(min=0), default=1, help="Of errors and noise; 1.")
+@click.option(
+    "--seed", type=click.IntRange(min=0), default=1, help="Random seed of errors and noise; 1."
+)
 @click.option("--angle/--no-angle", default=None, help="Record the rig's angle.")
-@click.option("--rate-hz", type=click.FloatRange(min=1, max=1000), help="Rows a second.")
+@click.option("--rate-hz", type=click.FloatRange(min=1, max=1000), help="Rows per second.")
 @click.option("--increments/--rates", default=None, help="Sensor data to write.")
 @click.option("--accelerometers", metavar="SX,SY,SZ",
               help="Serial numbers of emulated accelerometers on x, y, z.",

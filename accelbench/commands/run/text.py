@@ -151,5 +151,5 @@ def run_text(
         resume = ["run", "--resume", outcome.test_id, "--store", store]
         if after.exported and after.out:
             resume += ["--out", after.out, "--force"]
-        lines.append(f"go on with: accelbench {shlex.join(resume)}")
+        lines.append(f"resume with: accelbench {shlex.join(resume)}")
     return [*lines, *run_in_text(after.settled or ())]

@@ -15,11 +15,15 @@ WINDOW = 4  # as thermo.run_in.judge has it, which takes its second to import
 
 @click.command()
 @RUNS
-@click.option("--sequence", type=Path, help="SEQUENCE.toml whose [run_in] holds the limits.")
+@click.option("--sequence", type=Path, help="SEQUENCE.toml with the limits in [run_in].")
 @click.option("--k0-limit-ug", type=float, help="Acceptable change of K0, µg; 15 if not given.")
 @click.option("--k1-limit-ppm", type=float, help="Acceptable change of K1, ppm; 15 if not given.")
 @click.option("--confidence", type=float, help="Confidence of the verdict; 0.95 if not given.")
-@click.option("--t-ref-c", type=float, help="Where K0 and K1 are compared, °C; 25 if not given.")
+@click.option(
+    "--t-ref-c",
+    type=float,
+    help="Temperature at which K0 and K1 are compared, °C; 25 if not given.",
+)
 @click.option(
     "--nothing-slow",
     is_flag=True,

@@ -40,7 +40,7 @@ def test_a_result_shows_the_store_without_its_password():
     for said in (text, document):
         assert SECRET not in said
         assert "postgresql://u:***@h/x?sslmode=require&sslpassword=***" in said
-    assert "go on with: accelbench run --resume T --store 'postgresql://u:***@h/x" in text
+    assert "resume with: accelbench run --resume T --store 'postgresql://u:***@h/x" in text
 
 
 def test_the_totals_after_a_resume_and_a_part_that_was_exported_are_explained():
