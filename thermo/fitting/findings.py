@@ -161,7 +161,7 @@ def _loop_sentence(summary: ResidualSummary, median: float, repeats: bool | None
         )
     if repeats:
         return (
-            f"{head}, and with the same sign in every run: a thermal-history effect, which no "
-            f"polynomial in temperature can describe"
+            f"{head}, and with the same sign in every run: a thermal-history effect is left, which "
+            f"no polynomial in temperature can describe"
         )
     return f"{head}, but not with the same sign in every run: a drift rather than thermal history"
