@@ -65,13 +65,13 @@ def thermistor_noise(f: pd.DataFrame) -> pd.DataFrame:
         (lambda f: f.assign(flag="gap"), "every reading is flagged"),
         (
             lambda f: f.assign(position_deg=0.0),
-            "run 1: a_i_g and a_p_g are not those of",
+            "run 1: a_i_g and a_p_g do not agree with",
         ),
         (
             lambda f: f.assign(temp_c=25.0),
-            "does not change beyond its noise of 0 °C",
+            "does not change by more than its noise of 0 °C",
         ),
-        (thermistor_noise, "does not change beyond its noise of 0.00"),
+        (thermistor_noise, "does not change by more than its noise of 0.00"),
         (lambda f: f.assign(output=0.0), "serial A: every reading is flagged"),
         (second_is_dead, "serial B: every reading is flagged"),
         (other_positions, "the output does not follow the positions"),
