@@ -131,9 +131,7 @@ def resumed_job_in(
     test = store.test(test_id)
     stored = parse_sequence(test.sequence_toml, f"test {test_id}")
     if sequence is not None and sequence != stored:
-        raise StoreError(
-            f"{source}: is a different sequence from that of test {test_id} was begun with"
-        )
+        raise StoreError(f"{source}: is a different sequence from that of test {test_id}")
     emulated = False
     if station is None:
         made = default_station(stored)

@@ -193,7 +193,7 @@ def test_a_noisy_thermistor_in_a_narrow_range_is_in_the_sigmas(noise_c: float) -
         (Setup(loop_ug=20.0), "thermal-history effect"),
         (Setup(line_ug_h=10.0), "bias drift is longer than a run"),
         (Setup(truth={**TRUE, "k0_t5": 4e-7}), "to the power 5"),
-        (Setup(lag_s=120.0, corners_c=HEATING), "the sigmas do not allow for it: here a thermal"),
+        (Setup(lag_s=120.0, corners_c=HEATING), "the sigmas do not include them: here a thermal"),
         (Setup(lsb_ug=50.0, white_ug=1.0), "the output goes in steps of 50 µg"),
         (Setup(corners_c=(24.0, 26.0, 24.0, 26.0), rates=(0.05,), thermistor_noise_c=0.1),
          "the thermistor's noise of 0.09"),
