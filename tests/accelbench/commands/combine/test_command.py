@@ -168,6 +168,7 @@ def test_temperatures_beyond_the_chamber_s_are_told(
     assert [w.partition(":")[0] for w in inside.warnings] == ["outside_range"] * 3
 
 
+@pytest.mark.slow  # a contradiction is told below; that of serial numbers found in tests/sinscal
 def test_swapped_serial_numbers_are_reported(recorded: tuple[Path, Path, CombinedTwin]) -> None:
     model, rig, twin = recorded
     x, y, z = (c.serial for c in twin.chambers)
