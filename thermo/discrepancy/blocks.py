@@ -1,4 +1,4 @@
-"""Readings averaged in blocks: means over a minute at one position keep all that is slow."""
+"""Readings averaged in blocks: means over a minute at one position keep all slow changes."""
 
 from dataclasses import dataclass
 
@@ -9,7 +9,7 @@ from errormodel.noise.whitening import TimeBase
 from thermo.recording.channel import Channel
 
 BLOCK_S = 60.0
-# A short log is cut into some 600 blocks all the same.
+# A short log is still divided into some 600 blocks.
 LEAST_BLOCKS = 600
 
 

@@ -1,8 +1,8 @@
-"""The experiment that would settle what is open, chosen from a menu by what it tells apart.
+"""Selection of the experiment that separates the open candidates best.
 
 T-optimality: the measured effect is simulated in each experiment, and every rival is fitted to it;
-the experiment counts with the whitened distance that the best rival leaves. What these runs cannot
-show at all is proposed by how strongly the experiment would show it.
+the criterion is the whitened distance of the best rival. For effects that these runs cannot show,
+the criterion is the strength with which the experiment would show them.
 """
 
 from collections.abc import Sequence as Many
@@ -29,21 +29,21 @@ from thermo.recording.channel import Channel
 from thermo.selection.orders import mounted
 
 RIVALS = 4
-# A rival this many sigma away is told apart in all but one case in a thousand.
+# A rival at this distance in sigmas is separated in all but one case in a thousand.
 CLEAR_D = 10.0
-# This many sigma away in expectation, a rival is still within an alias set in one case in twenty.
+# At this expected distance in sigmas, a rival is still in an alias set in one case in twenty.
 SETTLED_D = 5.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Experiment:
-    """An experiment proposed.
+    """A proposed experiment.
 
     Attributes
     ----------
     text : str
     separates : tuple of str
-        The effects it tells apart, or shows.
+        The effects that it separates, or shows.
     d_before, d_after : float or None
         Whitened distance of the nearest rival in these runs, and expected with the experiment.
     hours : float or None
@@ -58,12 +58,12 @@ class Experiment:
     sequence: Sequence | None
 
     def toml(self) -> str:
-        """Return the sequence file that `run` takes, what it is for in its head.
+        """Return the sequence file for `run`, with its purpose in the heading.
 
         Raises
         ------
         ValueError
-            If the experiment is told in words only.
+            If the experiment is described in words only.
         """
         if self.sequence is None:
             raise ValueError("this experiment has no sequence")
@@ -79,7 +79,7 @@ def propose(
     invisible: tuple[str, ...],
     floor: NoiseFit,
 ) -> Experiment | None:
-    """Propose what would tell an alias set apart, or show what these runs cannot.
+    """Propose an experiment that separates an alias set, or shows invisible effects.
 
     Parameters
     ----------
@@ -103,7 +103,8 @@ def propose(
             made = propose_separation(source, floor, result.slots[0].choice, rivals)
             return replace(
                 made,
-                text="one run and one loop do not tell thermal history from drift: " + made.text,
+                text="one run and one loop cannot separate thermal history from drift: "
+                + made.text,
             )
     return _Experiments(source, floor).showing(invisible) if invisible else None
 
@@ -111,7 +112,7 @@ def propose(
 def propose_separation(
     source: ThermalSource, floor: NoiseFit, choice: Choice, rivals: Many[str]
 ) -> Experiment:
-    """Propose what would tell one effect, at the size it has in these runs, from others.
+    """Propose an experiment that separates one effect, at its size in these runs, from others.
 
     Parameters
     ----------
@@ -131,7 +132,7 @@ def _better(distance: float, plan: Plan, best: "tuple[float, Item, Plan]") -> bo
 
 
 def _thinned(grid: Many[Theta]) -> Many[Theta]:
-    """Return some points of a grid: enough to see whether one effect imitates another."""
+    """Return some points of a grid: enough to test whether one effect imitates another."""
     return grid[:: max(1, round(len(grid) / POINTS))]
 
 
@@ -144,9 +145,9 @@ class _Experiments:
         self.t_ref_c = float(channel.temp_c[0] - channel.record["x_c"][0])
 
     def separating(self, name: str, alias: Many[str], found: Fitted) -> Experiment:
-        """Return the shortest experiment that tells the effect from every rival.
+        """Return the shortest experiment that separates the effect from every rival.
 
-        Without one that does so clearly, the one that leaves the nearest rival farthest away.
+        If none does so clearly, return the one with the largest distance of the nearest rival.
         """
         best: tuple[float, Item, Plan] | None = None
         rivals = [n for n in alias if n != name][:RIVALS]
@@ -163,7 +164,7 @@ class _Experiments:
             f"its nearest rival of {', '.join(rivals)} (these runs: {before:.1f})"
         )
         if distance < SETTLED_D:
-            text += "; that may well not settle it, and nothing this chamber does tells more"
+            text += "; this may not decide it, and no other experiment in this chamber is better"
         return Experiment(
             text=text,
             separates=(name, *rivals),
@@ -174,9 +175,9 @@ class _Experiments:
         )
 
     def showing(self, names: Many[str]) -> Experiment | None:
-        """Return the first experiment that shows the most of effects that are invisible here.
+        """Return the first experiment that shows the largest number of invisible effects.
 
-        Among those the one where they are least like any other effect.
+        Among equal ones, the one in which they are least similar to other effects.
         """
         best: tuple[tuple[int, float], tuple[str, ...], Item, Plan] | None = None
         for item, plan, channel in self._planned():
@@ -238,7 +239,7 @@ class _Experiments:
         return View(part.outline(noise), noise)
 
     def _distance(self, channel: Channel, name: str, rivals: Many[str]) -> float:
-        """Return how far the nearest rival stays from an effect that was simulated.
+        """Return the distance of the nearest rival from a simulated effect.
 
         A rival's flexible form counts, as in the search.
         """
@@ -250,7 +251,7 @@ class _Experiments:
         return float(np.sqrt(max(own[0] - nearest, 0.0)))
 
     def _apart(self, channel: Channel, names: Many[str]) -> dict[str, float]:
-        """Return the effects that the runs show, and what share of each no other imitates."""
+        """Return the visible effects, and the share of each that no other effect imitates."""
         record = channel.record
         perfect = type(record)(
             time_s=record.time_s, run=record.run, signals=record.signals, output=record["a_i_g"]

@@ -1,4 +1,4 @@
-"""Factors that a chamber run's residual may follow, and all that would repeat in a new run."""
+"""Factors that the residual of a chamber run may follow, and columns that would repeat."""
 
 import numpy as np
 from scipy.interpolate import BSpline
@@ -27,19 +27,19 @@ def splines(x: FloatArray, knot: float) -> FloatArray:
 
 
 def indicator(labels: IntArray) -> FloatArray:
-    """Return one column of zeros and ones a label."""
+    """Return one indicator column per label."""
     return (labels[:, None] == np.unique(labels)[None, :]).astype(float)
 
 
 def by_label(columns: FloatArray, labels: IntArray) -> FloatArray:
-    """Return every column once for each label, zero elsewhere; empty ones left out."""
+    """Return every column once per label, zero elsewhere, without empty columns."""
     marks = indicator(labels)
     product = np.hstack([columns * marks[:, [k]] for k in range(marks.shape[1])])
     return product[:, np.any(product != 0, axis=0)]
 
 
 class Seen:
-    """A channel's block means of what its residual may follow."""
+    """Block means of the quantities that the residual of a channel may follow."""
 
     def __init__(self, channel: Channel, blocks: Blocks) -> None:
         record = channel.record
@@ -67,7 +67,7 @@ class Seen:
         return self.time_s - begun
 
     def side(self) -> IntArray:
-        """Return heating or cooling; a hold counts with the direction before it."""
+        """Return heating or cooling; a hold has the direction of the preceding ramp."""
         side = self.direction.copy()
         for k in range(1, side.size):
             if side[k] == HOLD and self.run[k] == self.run[k - 1]:
@@ -76,7 +76,7 @@ class Seen:
 
 
 def factors_of(seen: Seen) -> tuple[Factor, ...]:
-    """Return the factors a verdict may point at; one run alone tells nothing of what repeats."""
+    """Return the factors for a verdict; a single run does not show what repeats."""
     again = seen.runs > 1
     n_groups = int(seen.position.max()) + 1
     coarse = splines(seen.temp, COARSE_C)
@@ -133,8 +133,8 @@ def _periods(seen: Seen) -> tuple[FloatArray, ...]:
 def saturated_columns(seen: Seen) -> FloatArray:
     """Return columns for everything that would repeat: temperature by direction and position.
 
-    With a single run nothing is known to repeat, and temperature by direction is time itself:
-    then only what no time can imitate is taken, the position.
+    With a single run it is not known what repeats, and temperature by direction is equivalent to
+    time. Then only the position is used, because time cannot imitate it.
     """
     columns: list[FloatArray] = [np.ones((seen.temp.size, 1))]
     n_positions = int(seen.position.max()) + 1

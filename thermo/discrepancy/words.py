@@ -15,14 +15,14 @@ from thermo.discrepancy.problem.source import ThermalSource
 from thermo.library import thermal_library
 
 FACTOR_WORDS: Mapping[str, str] = {
-    "temperature": "follows temperature, the same on the way up and down",
+    "temperature": "follows temperature, equally in heating and cooling",
     "direction": "differs between heating and cooling at the same temperature",
     "rate": "follows the rate of temperature",
     "position": "depends on the position of the head",
     "rotation_phase": "depends on the time since the head last turned",
     "time_in_run": "depends on the time since the run began, the same in every run",
     "run": "differs from run to run",
-    "time": "comes and goes with time, otherwise in each run",
+    "time": "changes with time, differently in each run",
 }
 
 
@@ -131,10 +131,10 @@ def _digits(value: ParameterValue) -> str:
 def where_text(where: FactorFinding | None, judgement: Judgement) -> str:
     """Say where the measurement and the model disagree."""
     if where is None:
-        return "Nowhere more than the noise: what is left does not repeat and is no larger than it."
-    text = f"What the model leaves {FACTOR_WORDS.get(where.name, f'follows {where.name}')}"
+        return "The residual is not larger than the noise and does not repeat."
+    text = f"The residual {FACTOR_WORDS.get(where.name, f'follows {where.name}')}"
     if judgement.bursts > 6.0 and judgement.verdict == "unexplained_noise":
         text += ", in bursts"
     if where.excess < 1.0:
-        return f"{text}, but by no more than noise gives."
-    return f"{text} (chi-square {where.excess:.0f} above what noise gives)."
+        return f"{text}, but not more than noise alone."
+    return f"{text} (chi-square {where.excess:.0f} above the noise)."

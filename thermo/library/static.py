@@ -41,7 +41,7 @@ _STATIC: tuple[Term, ...] = (
         "delta_o",
         symbol="δo",
         unit="µrad",
-        sentence="The input axis is turned about the output axis, towards the pendulous axis.",
+        sentence="The input axis is rotated about the output axis, towards the pendulous axis.",
         column=lambda r: r["a_p_g"],
         needs=("a_p_g",),
         prior_sigma=WIDE,
@@ -51,7 +51,7 @@ _STATIC: tuple[Term, ...] = (
         "delta_p",
         symbol="δp",
         unit="µrad",
-        sentence="The input axis is turned about the pendulous axis, away from the output axis.",
+        sentence="The input axis is rotated about the pendulous axis, away from the output axis.",
         column=lambda r: -r["a_o_g"],
         needs=("a_o_g",),
         prior_sigma=WIDE,
@@ -85,24 +85,24 @@ EFFECTS = (
         name="second_order",
         sentence="The output has a part proportional to the input squared, {size}.",
         forms=plain_form("k2"),
-        experiment="positions every 45°: with 0° and ±90° alone a squared term and a readout "
-        "whose gain depends on the sign look the same",
+        experiment="positions every 45°: with 0° and ±90° alone, a squared term equals a readout "
+        "gain that depends on the sign",
         example=Example(term="k2", values={"k2": 20 / MICRO}),  # data sheets: 10 to 30 µg/g²
     ),
     ThermalEffect(
         name="third_order",
         sentence="The output has a part proportional to the input cubed, {size}.",
         forms=plain_form("k3"),
-        experiment="positions every 45°: at 0°, ±90° and 180° it is the same as scale factor",
+        experiment="positions every 45°: at 0°, ±90° and 180° it equals a scale factor",
         example=Example(term="k3", values={"k3": 20 / MICRO}),  # assumed as large
     ),
     ThermalEffect(
         name="cross_axis",
-        sentence="Force across the input axis gives an output, {size}; a head whose zero is off "
-        "by the same angle does the same.",
+        sentence="Force across the input axis gives an output, {size}; an equal error of the "
+        "head's zero has the same effect.",
         forms=plain_form("delta_o", "delta_p", "k_ip", "k_io"),
         experiment="positions every 45°, and the same with the accelerometer turned by 180° about "
-        "its input axis, which reverses it but not the head's error",
+        "its input axis, which reverses the effect but not the head's error",
         # repeats to 100 µrad over a year
         example=Example(term="delta_o", values={"delta_o": 100 / MICRO}),
     ),

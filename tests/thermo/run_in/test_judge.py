@@ -134,7 +134,7 @@ def test_where_nothing_slow_is_assumed_the_stop_comes_earlier_and_says_so() -> N
     assert "0 if nothing slower than the relaxation goes on" in wary.sentence
     trusting = judge_run_in("S", series, nothing_slow=True)
     assert trusting.settled
-    assert "if nothing slower than the relaxation goes on (assumed)" in trusting.sentence
+    assert "if there is no process slower than the relaxation (assumed)" in trusting.sentence
     # the same probability, once among the draws of a mixture and once of its own
     assert trusting.settled_probability == pytest.approx(wary.settled_if_nothing_slow, abs=0.02)
 

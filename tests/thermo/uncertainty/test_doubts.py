@@ -58,7 +58,7 @@ def test_runs_that_differ_are_told_and_carried(runs: int, differs, unit: str) ->
 
 def test_a_single_run_says_that_it_knows_nothing_of_others() -> None:
     one = fitted(Setup(runs=1))
-    assert "nothing is known of what differs from run to run" in said(one)
+    assert "the differences between runs are not known" in said(one)
     assert make_model_file([one]).accelerometers[0].run_to_run is None
     assert worst(one, Setup()) < 5.0
 
@@ -147,7 +147,9 @@ def test_within_the_range_only_orders_left_out_are_counted() -> None:
     assert orders == [("k0", 3), ("k1", 3), ("k0", 4), ("k1", 4)]  # what the choice left out
     (given,) = fit_runs(campaign(Setup(), 1), terms=TermsFile(terms=tuple(TRUE)))
     assert given.doubts.unseen == ()
-    assert list(doubt_sentences(one)) == ["these runs cannot give: delta_p, k_io, each taken as 0"]
+    assert list(doubt_sentences(one)) == [
+        "these runs cannot determine: delta_p, k_io, each taken as 0"
+    ]
 
 
 def test_what_cannot_be_given_is_named_with_what_holds_it() -> None:
@@ -174,7 +176,7 @@ def test_three_soaks_carry_the_third_order_that_they_cannot_show() -> None:
 def test_runs_none_of_which_can_be_held_out_say_why() -> None:
     one = fitted(Setup(runs=3, soaks_c=(-40.0, 25.0, 70.0)))
     assert one.heldout is None
-    assert "no run can be held out: without it the others cannot give every" in said(one)
+    assert "no run can be held out: the other runs alone do not determine every" in said(one)
 
 
 @pytest.mark.parametrize("noise_c", [0.1, pytest.param(0.3, marks=pytest.mark.slow)])
@@ -190,17 +192,17 @@ def test_a_noisy_thermistor_in_a_narrow_range_is_in_the_sigmas(noise_c: float) -
     ("setup", "words"),
     [
         (Setup(lag_s=120.0), "slope over temperature (a lag of 11"),
-        (Setup(lag_s=120.0), "that is no drift"),
+        (Setup(lag_s=120.0), "this is not drift"),
         (Setup(loop_ug=20.0), "thermal-history effect"),
         pytest.param(
-            Setup(line_ug_h=10.0), "drifts for longer than a run lasts", marks=pytest.mark.slow
+            Setup(line_ug_h=10.0), "bias drift is longer than a run", marks=pytest.mark.slow
         ),
         pytest.param(
             Setup(truth={**TRUE, "k0_t5": 4e-7}), "to the power 5", marks=pytest.mark.slow
         ),
         pytest.param(
             Setup(lag_s=120.0, corners_c=HEATING),
-            "the sigmas do not allow for it: here a thermal",
+            "the sigmas do not include them: here a thermal",
             marks=pytest.mark.slow,
         ),
         (Setup(lsb_ug=50.0, white_ug=1.0), "the output goes in steps of 50 µg"),
@@ -224,7 +226,11 @@ def test_a_term_that_was_not_given_is_missed(lacks: str) -> None:
 def test_two_runs_that_agree_may_do_so_by_chance_and_it_is_said() -> None:
     one = fitted(Setup(runs=2, offset_ug=30.0), seed=2)  # 30 µg of offset, alike in both
     assert worst(one, Setup()) < 5.0  # the sigma carries what so few do not show
-    assert "the 2 runs do not differ beyond noise and drift, as so few may by chance" in said(one)
+    sentence = (
+        "the 2 runs do not differ by more than noise and drift, which may be by chance with so few "
+        "runs"
+    )
+    assert sentence in said(one)
 
 
 def test_a_sound_fit_says_nothing_of_the_kind() -> None:
@@ -243,7 +249,7 @@ def test_positions_that_are_not_what_is_recorded_are_told() -> None:
     )
     runs = make_runs(frame, output_unit="mA", gravity_m_s2=9.80665, nominal_scale=1.3)
     (one,) = fit_runs(runs)
-    assert "positions that are not what is recorded, a head still moving" in said(one)
+    assert "check for wrong positions, a head that moves during the readings" in said(one)
 
 
 def test_what_repeats_and_was_not_stated_is_told() -> None:

@@ -101,7 +101,7 @@ def test_combined_result_is_told_and_written(
     page = (report / "report.html").read_text(encoding="utf-8")
     assert "rig against chamber" in page
     untested, clock, *_ = document["not_tested"]
-    assert untested.startswith("effects that the model lacks, and so there are no protection level")
+    assert untested.startswith("missing effects, so there are no protection level")
     assert "clock" in clock
     assert f"not tested: {untested}" in page
     assert {"temperature.png", "models.png", "moved.png", "flight.png", "estimates.png"} < {
