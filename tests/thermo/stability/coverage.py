@@ -14,8 +14,8 @@ import pytest
 from errormodel.arrays import FloatArray
 from tests.thermo.run_in.examples import LIMIT, SIGMA, series_of
 from tests.thermo.stability.examples import SIX, one_run, recorded
-from thermo.run_in import relaxation
 from thermo.run_in import judge as run_in
+from thermo.run_in import relaxation
 from thermo.run_in.relaxation import cycles_needed
 from thermo.run_in.rivals import HORIZON, lay_out
 from thermo.stability.judge import judge_stability

@@ -96,7 +96,7 @@ def test_fewer_cycles_have_not_settled_and_say_how_many_are_needed(done, call, t
     assert one["scale"] == "fitted"
     assert not one["nothing_slow_assumed"]
     assumed = call("runin", tmp_path / "five.csv", "--nothing-slow", "--json").document
-    assert "assumed that nothing slower" in assumed["rule"]
+    assert "assumed that there is no process slower" in assumed["rule"]
     assert assumed["accelerometers"][0]["nothing_slow_assumed"]
 
 
