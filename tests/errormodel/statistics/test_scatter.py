@@ -44,7 +44,7 @@ def test_runs_that_agree_better_than_their_sigmas_have_an_upper_limit_all_the_sa
     assert scatter_between([2.0, 2.0], [0.0, 0.0]).ci95 == (0.0, 0.0)
 
 
-@pytest.mark.parametrize("n", [3, 5, 10])
+@pytest.mark.parametrize("n", [5, *(pytest.param(n, marks=pytest.mark.slow) for n in (3, 10))])
 def test_limits_of_sigma_hold_it_in_95_percent(n: int) -> None:
     rng = np.random.default_rng(n)
     sets, tau = 600, 2.0

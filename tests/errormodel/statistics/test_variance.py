@@ -211,7 +211,7 @@ def coverage(runs: int, sets: int, first: int = 0) -> dict[str, float]:
     return {name: float(np.mean(h)) for name, h in held.items()}
 
 
-@pytest.mark.parametrize("runs", [3, 5, 10])
+@pytest.mark.parametrize("runs", [3, *(pytest.param(n, marks=pytest.mark.slow) for n in (5, 10))])
 def test_limits_hold_the_truth_a_few_sets(runs: int) -> None:
     # 20 sets of 6 components: 120 at 95 % have 114 ± 2.4 inside; 4 sigma below is 104
     found = coverage(runs, 20)

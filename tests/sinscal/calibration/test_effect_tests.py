@@ -121,6 +121,7 @@ def walking(run: RigRun, size: float, seed: int = 0) -> RigRun:
     return replace(run, accel=run.accel + size * walk / walk.std(axis=0))
 
 
+@pytest.mark.slow  # an even drift by default, below
 def test_a_walk_is_estimated_and_carried_by_the_sigmas() -> None:
     twin = make_twin(4, rates=SIX_RATES, cycle_s=400.0)
     run = walking(twin.run, 1e-3)

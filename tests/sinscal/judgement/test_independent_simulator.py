@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from pyins import sim
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
@@ -129,6 +130,7 @@ def arms_and_bent(w: np.ndarray, f: np.ndarray) -> np.ndarray:
     return out
 
 
+@pytest.mark.slow  # calibrated and searched without any by default, above and below
 def test_two_effects_hidden_in_python_ins_are_named_and_sized() -> None:
     rng = np.random.default_rng(8)
     run = recorded(rng, drawn(rng), arms_and_bent)

@@ -79,7 +79,7 @@ def test_noise_that_is_not_as_stated_is_named(factor: float) -> None:
     assert not judged.passed
 
 
-@pytest.mark.parametrize("factor", [1.25, 0.8])
+@pytest.mark.parametrize("factor", [1.25, pytest.param(0.8, marks=pytest.mark.slow)])
 def test_noise_that_is_stated_a_little_wrong_is_measured(factor: float) -> None:
     run = make_twin(1, cycle_s=400.0).run
     accel, gyro = run.facts.accel_noise, run.facts.gyro_noise

@@ -75,6 +75,7 @@ def test_a_model_that_has_the_effect_lacks_nothing(
     assert "lever_arm" not in found["smallest_nameable"]
 
 
+@pytest.mark.slow  # a lever arm by default, above
 def test_a_jump_goes_from_file_to_filter_to_compensated_run(
     jump: Path, tmp_path: Path, capsys: Captured
 ) -> None:
