@@ -186,7 +186,7 @@ def _discrepancy(
         plain_after=plain[1],
         effects=effects_found(source, after, result, floor) if choices else (),
         where=where,
-        where_text=where_text(where, judgement),
+        where_text=where_text(source, where, judgement),
         rms_before_ug=rms(reading_residual_ug(source.channel, plain[0])),
         rms_after_ug=rms(reading_residual_ug(source.channel, plain[1])),
         floor_ug=floor_ug(source, after, floor, result.problem(()).saturated),

@@ -86,6 +86,7 @@ class ThermalSource:
             self.blocks.times.span_s,
             float(np.ptp(elapsed)),
             np.unique(inner[::every]).tolist(),
+            (float(self.seen.temp.min()), float(self.seen.temp.max())),
         )
 
     def forms(self, effect: ThermalEffect) -> Sequence[Form]:
@@ -223,7 +224,9 @@ def _moved(model: ErrorModel, fitted: Fitted, step: FloatArray) -> dict[str, flo
         value = moved[name] + change
         if name in bounds:
             lo, hi = bounds[name]
-            value = min(max(value, lo, moved[name] / 2.0), hi, max(moved[name] * 2.0, lo))
+            if lo > 0.0:  # a scale: no more than twice or half at once
+                lo, hi = max(lo, moved[name] / 2.0), min(hi, max(moved[name] * 2.0, lo))
+            value = min(max(value, lo), hi)
         moved[name] = value
     return moved
 

@@ -10,19 +10,9 @@ from errormodel.discrepancy.gate import FactorFinding, Judgement
 from errormodel.discrepancy.search.state import SearchState
 from errormodel.model import ErrorModel
 from errormodel.noise.model import NoiseFit
+from thermo.discrepancy.factors import factor_kind
 from thermo.discrepancy.source import Fitted, ThermalSource
 from thermo.library import thermal_library
-
-FACTOR_WORDS: Mapping[str, str] = {
-    "temperature": "follows temperature, the same on the way up and down",
-    "direction": "differs between heating and cooling at the same temperature",
-    "rate": "follows the rate of temperature",
-    "position": "depends on the position of the head",
-    "rotation_phase": "depends on the time since the head last turned",
-    "time_in_run": "depends on the time since the run began, the same in every run",
-    "run": "differs from run to run",
-    "time": "comes and goes with time, otherwise in each run",
-}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -127,11 +117,11 @@ def _digits(value: ParameterValue) -> str:
     return f"{value.value:.{digits}f} ± {value.sigma:.{digits}f}".replace("-", "−")
 
 
-def where_text(where: FactorFinding | None, judgement: Judgement) -> str:
+def where_text(source: ThermalSource, where: FactorFinding | None, judgement: Judgement) -> str:
     """Say where the measurement and the model disagree."""
     if where is None:
         return "Nowhere more than the noise: what is left does not repeat and is no larger than it."
-    text = f"What the model leaves {FACTOR_WORDS.get(where.name, f'follows {where.name}')}"
+    text = f"What the model leaves {factor_kind(source.seen, where.name).quantity.words}"
     if judgement.bursts > 6.0 and judgement.verdict == "unexplained_noise":
         text += ", in bursts"
     if where.excess < 1.0:

@@ -109,19 +109,39 @@ class Context:
     run_s: float
     hours: float
     step_times_h: tuple[float, ...] = ()
+    x_range_c: tuple[float, float] = (0.0, 0.0)
     term_names: frozenset[str] = field(default=frozenset())
 
 
 def context_of(
-    model: ErrorModel, runs: int, run_s: float, hours: float, steps: Sequence[float]
+    model: ErrorModel,
+    runs: int,
+    run_s: float,
+    hours: float,
+    steps: Sequence[float],
+    x_range_c: tuple[float, float] = (-50.0, 50.0),
 ) -> Context:
-    """Return the context of a model on some runs."""
+    """Return the context of a model on some runs.
+
+    Parameters
+    ----------
+    model : ErrorModel
+    runs : int
+        Their number.
+    run_s, hours : float
+        Length of the longest run, s; from the first reading to the last, h.
+    steps : sequence of float
+        Times at which a step is tried, h.
+    x_range_c : (float, float)
+        Range of temperature less the reference temperature, °C.
+    """
     return Context(
         model=model,
         runs=runs,
         run_s=run_s,
         hours=hours,
         step_times_h=tuple(steps),
+        x_range_c=x_range_c,
         term_names=frozenset(t.name for t in model.terms),
     )
 

@@ -7,6 +7,7 @@ from thermo.library.effects import (
     MICRO,
     POSITION_SHARE,
     WIDE,
+    WIDE_C,
     Example,
     ThermalEffect,
     one_column,
@@ -78,8 +79,36 @@ _STATIC: tuple[Term, ...] = (
         min_share=POSITION_SHARE,
     ),
 )
+_OVER_TEMPERATURE: tuple[Term, ...] = (
+    one_column(
+        "k2_t1",
+        symbol="K2t",
+        unit="µg/g²/°C",
+        sentence="The part proportional to the input squared changes with temperature.",
+        column=lambda r: r["a_i_g"] ** 2 * r["x_c"],
+        needs=("a_i_g", "x_c"),
+        family="k2",
+        order=1,
+        prior_sigma=ORDINARY / WIDE_C,
+        min_share=POSITION_SHARE,
+    ),
+    one_column(
+        "delta_o_t1",
+        symbol="δot",
+        unit="µrad/°C",
+        sentence="The angle of the input axis about the output axis changes with temperature.",
+        column=lambda r: r["a_p_g"] * r["x_c"],
+        needs=("a_p_g", "x_c"),
+        family="delta_o",
+        order=1,
+        prior_sigma=ORDINARY / WIDE_C,
+        min_share=POSITION_SHARE,
+    ),
+)
 STATIC_NAMES = tuple(t.name for t in _STATIC)
-TERMS: dict[str, Callable[[], Effect]] = {t.name: (lambda t=t: t) for t in _STATIC}
+TERMS: dict[str, Callable[[], Effect]] = {
+    t.name: (lambda t=t: t) for t in (*_STATIC, *_OVER_TEMPERATURE)
+}
 EFFECTS = (
     ThermalEffect(
         name="second_order",
@@ -105,5 +134,19 @@ EFFECTS = (
         "its input axis, which reverses it but not the head's error",
         # repeats to 100 µrad over a year
         example=Example(term="delta_o", values={"delta_o": 100 / MICRO}),
+    ),
+    ThermalEffect(
+        name="second_order_slope",
+        sentence="The part proportional to the input squared changes with temperature, {size}.",
+        forms=plain_form("k2", "k2_t1"),
+        experiment="positions every 45° at the ends of the range of temperature",
+        example=Example(term="k2_t1", values={"k2_t1": 0.5 / MICRO}),
+    ),
+    ThermalEffect(
+        name="misalignment_slope",
+        sentence="The angle of the input axis changes with temperature, {size}.",
+        forms=plain_form("delta_o", "delta_o_t1"),
+        experiment="positions at 0° and 180° at the ends of the range of temperature",
+        example=Example(term="delta_o_t1", values={"delta_o_t1": 1.0 / MICRO}),
     ),
 )

@@ -251,6 +251,13 @@ STANDARD: tuple[Signal, ...] = (
         sentence="Temperature of the chamber's air.",
         emulated=lambda at: at.temp_c,
     ),
+    Signal(
+        name="chamber_less_case_c",
+        unit="°C",
+        sentence="Temperature of the chamber's air less that of the accelerometer.",
+        make=lambda at: sealed(at.columns["chamber_c"] - at.smooth[0]),
+        columns=("chamber_c",),
+    ),
 )
 signals: InUse[tuple[Signal, ...]] = InUse(STANDARD)
 using_signals = signals.using

@@ -21,27 +21,19 @@ from accelbench.shell.plotting import (
     unit_of,
 )
 from errormodel.arrays import FloatArray
+from thermo.discrepancy.factors import factor_kind
 from thermo.discrepancy.find import Discrepancy
 from thermo.recording.channel import COOLING, HEATING
 
 CELLS = 40
+LEVELS = frozenset({"position", "last_move", "position_before"})  # few values, nothing between
 MOST_LETTERS = 80  # of all runs' names, that stand beside one another on the axis
-AXIS = {
-    "temperature": "temperature, °C",
-    "direction": "temperature, °C",
-    "rate": "rate of temperature, °C/min",
-    "position": "position of the head, °",
-    "rotation_phase": "time since the head turned, min",
-    "time_in_run": "time in the run, h",
-    "run": "time since the first run began, h",
-    "time": "time since the first run began, h",
-}
 
 
 def draw_factor(d: Discrepancy) -> Picture:
     """Draw the residual before and after over the factor that shows it best."""
     name = d.where.name if d.where else "temperature"
-    x = _along(d, name)
+    x, label = _along(d, name)
     before, after = d.plain_before.residual, d.plain_after.residual
     unit, divisor = unit_of(before, after)
     figure = new_figure(10.0, 4.2)
@@ -52,35 +44,31 @@ def draw_factor(d: Discrepancy) -> Picture:
     for axes, (values, title) in zip(panels, shown, strict=True):
         _draw(axes, d, name, x, values / divisor, handles)
         rms = float(np.sqrt(np.mean(values**2))) / divisor
-        label = f"residual, {unit}" if axes is panels[0] else ""
+        left = f"residual, {unit}" if axes is panels[0] else ""
         dress(
             axes,
             title=f"{title}: {number(rms, 3)} {unit} rms of block means",
-            x=AXIS[name],
-            y=label,
+            x=label,
+            y=left,
         )
     legend_below(figure, list(handles.values()), list(handles))
     models = "the present model and with the effects found" if d.effects else "the present model"
-    caption = (
-        f"{d.serial}: residual of block means over {AXIS[name].partition(',')[0]}, with {models}."
-    )
+    caption = f"{d.serial}: residual of block means over {label.partition(',')[0]}, with {models}."
     return picture(figure, f"residual_{file_part(d.serial)}.png", caption)
 
 
-def _along(d: Discrepancy, name: str) -> FloatArray:
+def _along(d: Discrepancy, name: str) -> tuple[FloatArray, str]:
+    """Return a factor's values by block, and the label of their axis."""
     seen = d.source.seen
-    if name == "position":
-        angle = d.channel.position_deg[d.source.blocks.starts]
-        return np.where(np.isfinite(angle), angle, 0.0)
-    if name == "rate":
-        return seen.rate
-    if name == "rotation_phase":
-        return seen.dwell / 60.0
-    if name == "time_in_run":
-        return seen.time_s / 3600.0
-    if name in ("run", "time"):
-        return d.source.blocks.times.elapsed_s / 3600.0
-    return seen.temp + d.t_ref_c
+    if name in ("temperature", "direction"):
+        return seen.temp + d.t_ref_c, "temperature, °C"
+    kind = factor_kind(seen, name)
+    x, unit = kind.values_in(seen), kind.quantity.unit
+    if unit == "s":
+        x, unit = x / 3600.0, "h"
+        if float(np.ptp(x)) < 2.0:
+            x, unit = 60.0 * x, "min"
+    return x, f"{kind.quantity.axis}, {unit}" if unit not in ("", "1") else kind.quantity.axis
 
 
 def _draw(
@@ -102,7 +90,7 @@ def _draw(
         (points,) = axes.plot(x[shown], y[shown], ".", color=colour, markersize=2.5, alpha=0.25)
         centres, means = cell_means(x[rows], y[rows], width)
         # positions lie apart, and a line is drawn over what is between; rests are left open
-        full = np.isfinite(means) if name == "position" else np.ones(means.size, dtype=bool)
+        full = np.isfinite(means) if name in LEVELS else np.ones(means.size, dtype=bool)
         (line,) = axes.plot(centres[full], means[full], "-", color=colour, linewidth=1.8)
         handles.setdefault(f"block mean{label and ', '}{label}", points)
         handles.setdefault(f"mean of cells{label and ', '}{label}", line)
