@@ -6,6 +6,7 @@ effects is tried, the effect found is added and judged on runs that were held ou
 """
 
 from collections.abc import Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
 from typing import Literal
 
@@ -22,6 +23,7 @@ from thermo.discrepancy.floor import floor_ug
 from thermo.discrepancy.held_out import EQUAL, HeldOut, RunGap, gap_of_all, reading_residual_ug
 from thermo.discrepancy.input import check_channel, in_own_scale
 from thermo.discrepancy.measurement import ChamberRuns
+from thermo.discrepancy.shape import ShapeFound
 from thermo.discrepancy.shared import SearchedChannel, SharedEffect, shared_effects
 from thermo.discrepancy.source import Fitted, ThermalSource
 from thermo.discrepancy.words import EffectFound, effects_found, where_text
@@ -33,6 +35,7 @@ from thermo.selection.orders import mounted
 
 RULES = Rules(pairs=True, most=5)
 DRAWS = 300
+SHAPE_NAME = "my_effect"  # of an effect without a name, with the accelerometer's number
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -59,6 +62,8 @@ class Discrepancy(Conclusion[RunGap, Experiment]):
         Effects that other accelerometers show as well, with whose they are.
     fit_first : tuple of str
         Terms of the equation that the present model lacks at once.
+    shape : ShapeFound or None
+        The effect without a name for what repeats and has none; it is in `after`.
     """
 
     channel: Channel
@@ -77,6 +82,7 @@ class Discrepancy(Conclusion[RunGap, Experiment]):
     heldout: HeldOut | None
     shared: tuple[SharedEffect, ...]
     fit_first: tuple[str, ...]
+    shape: ShapeFound | None
 
     @property
     def floor(self) -> NoiseFit:
@@ -98,6 +104,7 @@ def find_discrepancy(
     draws: int = DRAWS,
     seed: int = 1,
     workers: int = 1,
+    with_shape: bool = True,
     tell: Tell | None = None,
 ) -> tuple[Discrepancy, ...]:
     """Find and name what is missing from the model of each accelerometer in recorded runs.
@@ -118,6 +125,8 @@ def find_discrepancy(
         Seed of the draws.
     workers : int
         Threads that simulate them; the verdict does not depend on it.
+    with_shape : bool
+        Whether what repeats and has no name gets a shape.
     tell : callable, optional
         Takes a line of progress.
 
@@ -140,11 +149,18 @@ def find_discrepancy(
         check_channel(channel, runs.source)
     channels = [in_own_scale(channel) for channel in channels]
     sources = [ThermalSource(c, mounted(_baseline(model, c), c), effects) for c in channels]
-    found = investigate([ChamberRuns(source) for source in sources], settings)
+    names = [f"{SHAPE_NAME}_{k + 1}" if with_shape else None for k in range(len(sources))]
+    runs_of = [ChamberRuns(s, name) for s, name in zip(sources, names, strict=True)]
+    found = investigate(runs_of, settings)
     shared = shared_effects(
         [SearchedChannel(m.source, c.result) for m, c in found if c.judgement.names_stand]
     )
-    return tuple(_discrepancy(m.source, c, shared, t_ref_c) for m, c in found)
+    made: list[Discrepancy] = []
+    for m, c in found:
+        shape = c.rival if isinstance(c.rival, ShapeFound) else None
+        with shape.in_library() if shape else nullcontext():
+            made.append(_discrepancy(m.source, c, shared, t_ref_c, shape))
+    return tuple(made)
 
 
 def _baseline(model: TermsFile | Literal["bare"] | None, channel: Channel) -> ErrorModel:
@@ -167,10 +183,14 @@ def _discrepancy(
     conclusion: Conclusion[RunGap, Experiment],
     shared: Sequence[SharedEffect],
     t_ref_c: float,
+    shape: ShapeFound | None,
 ) -> Discrepancy:
     """Bring together all that a verdict stands on."""
     result, judgement = conclusion.result, conclusion.judgement
     floor, choices = result.floor, conclusion.choices
+    named, heldout = choices, gap_of_all(conclusion.held_out_parts, source, choices)
+    if shape is not None:
+        source, choices, heldout = shape.source_with(source), shape.choices, shape.heldout
     before, after = source.fitted((), floor.noise), source.fitted(choices, floor.noise)
     plain = source.fitted((), EQUAL), source.fitted(choices, EQUAL)
     where = _where(conclusion.places, judgement)
@@ -184,15 +204,16 @@ def _discrepancy(
         after=after,
         plain_before=plain[0],
         plain_after=plain[1],
-        effects=effects_found(source, after, result, floor) if choices else (),
+        effects=effects_found(source, after, result, floor) if named else (),
         where=where,
         where_text=where_text(source, where, judgement),
         rms_before_ug=rms(reading_residual_ug(source.channel, plain[0])),
         rms_after_ug=rms(reading_residual_ug(source.channel, plain[1])),
         floor_ug=floor_ug(source, after, floor, result.problem(()).saturated),
-        heldout=gap_of_all(conclusion.held_out_parts, source, choices),
+        heldout=heldout,
         shared=tuple(s for s in shared if serial in s.serials),
-        fit_first=_fit_first(source, result, after) if choices else (),
+        fit_first=_fit_first(source, result, after) if named else (),
+        shape=shape,
     )
 
 

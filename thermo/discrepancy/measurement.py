@@ -6,14 +6,15 @@ from dataclasses import replace
 import numpy as np
 
 from errormodel.discrepancy.foresight import Foresight
-from errormodel.discrepancy.gate import Judgement
-from errormodel.discrepancy.measurement import Measurement, Searched
+from errormodel.discrepancy.gate import FactorFinding, Judgement
+from errormodel.discrepancy.measurement import Measurement, Revision, Searched
 from errormodel.discrepancy.problem import Problem
 from errormodel.discrepancy.search.choices import Choice, Rules
 from errormodel.discrepancy.search.state import SearchState
 from errormodel.noise.model import NoiseModel
 from thermo.discrepancy.experiment import Experiment, propose
 from thermo.discrepancy.held_out import RunGap, gap_of_run, reading_residual_ug
+from thermo.discrepancy.shape import against_shape
 from thermo.discrepancy.shared import SearchedChannel, Unlike, unlike_effects
 from thermo.discrepancy.source import ThermalSource
 
@@ -30,8 +31,8 @@ class ChamberRuns(Measurement[RunGap, Experiment]):
 
     parts_name = "runs"
 
-    def __init__(self, source: ThermalSource) -> None:
-        self.source = source
+    def __init__(self, source: ThermalSource, shape_name: str | None = None) -> None:
+        self.source, self.shape_name = source, shape_name
         self.name = source.channel.serial
 
     def problem(self, chosen: Sequence[Choice], noise: NoiseModel) -> Problem:
@@ -59,13 +60,22 @@ class ChamberRuns(Measurement[RunGap, Experiment]):
         """Return the runs with a smaller library."""
         source = self.source
         kept = [e for e in source.effects if e.name not in names]
-        return ChamberRuns(ThermalSource(source.channel, source.model, kept))
+        return ChamberRuns(ThermalSource(source.channel, source.model, kept), self.shape_name)
 
     def drifts_too_much(self, result: SearchState) -> bool:
         """Tell whether the slow noise found is more than an instrument's drift can be."""
         noise = result.floor.noise
         drift = noise.white * np.sqrt(noise.slow_share(self.source.blocks.times.span_s))
         return bool(drift > MOST_DRIFT * self._white_ug(result))
+
+    def revised(
+        self, judgement: Judgement, result: SearchState, places: Sequence[FactorFinding]
+    ) -> Revision:
+        """Hold names against a shape of one quantity, where one is asked for."""
+        del places
+        if self.shape_name is None:
+            return Revision(judgement, result)
+        return against_shape(self.source, judgement, result, self.shape_name)
 
     def _white_ug(self, result: SearchState) -> float:
         """Return the white sigma of a reading: from within blocks where there is enough."""
