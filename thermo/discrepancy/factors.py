@@ -155,11 +155,6 @@ def _sizes(turn_deg: FloatArray) -> FloatArray:
     return np.column_stack([np.sign(turn_deg), turn_deg])
 
 
-def _around(head_deg: FloatArray) -> FloatArray:
-    angle = np.deg2rad(head_deg)
-    return np.column_stack([np.sin(angle), np.cos(angle)])
-
-
 def _few(x: FloatArray) -> FloatArray:
     return corners(x, 4)
 
@@ -247,7 +242,7 @@ KINDS: tuple[FactorKind, ...] = (
     FactorKind(quantity=quantities.POSITION, groups=_positions),
     FactorKind(quantity=quantities.SINCE_MOVE, groups=_soon_after, held=_early),
     FactorKind(quantity=quantities.LAST_MOVE, groups=_levels, held=_sizes),
-    FactorKind(quantity=quantities.POSITION_BEFORE, groups=_levels, held=_around),
+    FactorKind(quantity=quantities.POSITION_BEFORE, groups=_levels),
     FactorKind(quantity=quantities.HEAT_FLOW, groups=_over, held=_few),
     FactorKind(quantity=quantities.SINCE_RAMP_CHANGE, groups=_soon_after),
     FactorKind(quantity=quantities.TURNED_AT, groups=_turning_points),
