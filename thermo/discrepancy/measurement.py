@@ -91,7 +91,9 @@ class ChamberRuns(Measurement[RunGap, Experiment]):
         source = self.source
         shown = set(foresight.names) - set(foresight.invisible)
         held = {e.name for e in source.effects if source.holds_some(e)}
-        return tuple(e.name for e in source.effects if e.name not in shown | held)
+        own = {t.name for t in source.model.terms}
+        some = [e for e in source.effects if not e.changes or e.changes in own]
+        return tuple(e.name for e in some if e.name not in shown | held)
 
     def next_experiment(
         self, result: SearchState, judgement: Judgement, invisible: tuple[str, ...]
