@@ -11,7 +11,7 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 
-from errormodel.discrepancy.foresight import Foresight, foresee
+from errormodel.discrepancy.foresight import Foresight, foresee_candidates
 from errormodel.discrepancy.gate import FactorFinding, Judgement, Verdict, judge, locate
 from errormodel.discrepancy.measurement import (
     Gap,
@@ -189,7 +189,7 @@ def _searched_under(
 ) -> Searched[Any, Any]:
     """Search the library under a noise and its null distributions."""
     problem = measurement.problem((), floor.noise)
-    foresight = foresee(View(problem, floor.noise), problem.candidates)
+    foresight = foresee_candidates(View(problem, floor.noise), problem.candidates)
     settings.say(measurement.name, f"trying {len(problem.candidates)} effects")
     task = SearchTask(
         source=measurement,

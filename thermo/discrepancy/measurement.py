@@ -14,9 +14,9 @@ from errormodel.discrepancy.search.state import SearchState
 from errormodel.noise.model import NoiseModel
 from thermo.discrepancy.experiment import Experiment, propose
 from thermo.discrepancy.held_out import RunGap, gap_of_run, reading_residual_ug
+from thermo.discrepancy.problem.source import ThermalSource
 from thermo.discrepancy.shape import against_shape
 from thermo.discrepancy.shared import SearchedChannel, Unlike, unlike_effects
-from thermo.discrepancy.source import ThermalSource
 
 # Orders of temperature are alike in heating and cooling: history may be beside them.
 ORDERS = frozenset({"bias_temperature_order", "scale_temperature_order"})

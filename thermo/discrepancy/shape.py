@@ -26,12 +26,12 @@ from errormodel.discrepancy.shape import (
     knots_of,
 )
 from errormodel.errors import NotSeparableError
-from errormodel.io.python_file import Source
+from errormodel.io.python_file import LibrarySource
 from errormodel.noise.model import NoiseModel
 from errormodel.terms import Effect, Term
 from thermo.discrepancy.factors import Seen, kinds_in
 from thermo.discrepancy.held_out import HeldOut, RunGap, gap_of_all, gap_of_run
-from thermo.discrepancy.source import ThermalSource
+from thermo.discrepancy.problem.source import ThermalSource
 from thermo.library import term, thermal_library, using_thermal_library
 from thermo.library.effects import ThermalEffect
 from thermo.library.quantities import QUANTITIES
@@ -79,7 +79,7 @@ class Pattern:
     def in_library(self, name: str, sentence: str = "") -> Generator[None]:
         """Have its term in the library until the end of the block."""
         made = self.term(name, sentence)
-        source = Source(name=name, sha256="", members=frozenset([name]))
+        source = LibrarySource(name=name, sha256="", members=frozenset([name]))
         known = thermal_library()
         terms = {n: make for n, make in known.terms.items() if n != name}
         wider = replace(known, terms=terms).with_members({name: lambda: made}, [], source)
