@@ -19,6 +19,7 @@ from errormodel.model import ErrorModel
 from errormodel.noise.model import NoiseFit
 from thermo.discrepancy.baseline import bare_baseline, fitted_baseline
 from thermo.discrepancy.experiment import Experiment
+from thermo.discrepancy.experiment_menu import NO_LIMITS, Limits
 from thermo.discrepancy.floor import floor_ug
 from thermo.discrepancy.held_out import EQUAL, HeldOut, RunGap, gap_of_all, reading_residual_ug
 from thermo.discrepancy.input import check_channel, in_own_scale
@@ -106,6 +107,7 @@ def find_discrepancy(
     seed: int = 1,
     workers: int = 1,
     with_shape: bool = True,
+    limits: Limits = NO_LIMITS,
     tell: Tell | None = None,
 ) -> tuple[Discrepancy, ...]:
     """Find and name what is missing from the model of each accelerometer in recorded runs.
@@ -128,6 +130,8 @@ def find_discrepancy(
         Threads that simulate them; the verdict does not depend on it.
     with_shape : bool
         Whether what repeats and has no name gets a shape.
+    limits : Limits
+        What the laboratory can do, for the next experiment.
     tell : callable, optional
         Takes a line of progress.
 
@@ -151,7 +155,7 @@ def find_discrepancy(
     channels = [in_own_scale(channel) for channel in channels]
     sources = [ThermalSource(c, mounted(_baseline(model, c), c), effects) for c in channels]
     names = [f"{SHAPE_NAME}_{k + 1}" if with_shape else None for k in range(len(sources))]
-    runs_of = [ChamberRuns(s, name) for s, name in zip(sources, names, strict=True)]
+    runs_of = [ChamberRuns(s, name, limits) for s, name in zip(sources, names, strict=True)]
     found = investigate(runs_of, settings)
     shared = shared_effects(
         [SearchedChannel(m.source, c.result) for m, c in found if c.judgement.names_stand]

@@ -13,6 +13,7 @@ from errormodel.discrepancy.search.choices import Choice, Rules
 from errormodel.discrepancy.search.state import SearchState
 from errormodel.noise.model import NoiseModel
 from thermo.discrepancy.experiment import Experiment, propose
+from thermo.discrepancy.experiment_menu import NO_LIMITS, Limits
 from thermo.discrepancy.held_out import RunGap, gap_of_run, reading_residual_ug
 from thermo.discrepancy.problem.source import ThermalSource
 from thermo.discrepancy.shape import against_shape
@@ -31,8 +32,10 @@ class ChamberRuns(Measurement[RunGap, Experiment]):
 
     parts_name = "runs"
 
-    def __init__(self, source: ThermalSource, shape_name: str | None = None) -> None:
-        self.source, self.shape_name = source, shape_name
+    def __init__(
+        self, source: ThermalSource, shape_name: str | None = None, limits: Limits = NO_LIMITS
+    ) -> None:
+        self.source, self.shape_name, self.limits = source, shape_name, limits
         self.name = source.channel.serial
 
     def problem(self, chosen: Sequence[Choice], noise: NoiseModel) -> Problem:
@@ -60,7 +63,9 @@ class ChamberRuns(Measurement[RunGap, Experiment]):
         """Return the runs with a smaller library."""
         source = self.source
         kept = [e for e in source.effects if e.name not in names]
-        return ChamberRuns(ThermalSource(source.channel, source.model, kept), self.shape_name)
+        return ChamberRuns(
+            ThermalSource(source.channel, source.model, kept), self.shape_name, self.limits
+        )
 
     def drifts_too_much(self, result: SearchState) -> bool:
         """Tell whether the slow noise found is more than an instrument's drift can be."""
@@ -99,7 +104,7 @@ class ChamberRuns(Measurement[RunGap, Experiment]):
         self, result: SearchState, judgement: Judgement, invisible: tuple[str, ...]
     ) -> Experiment | None:
         """Return what would tell an alias set apart, or show what these runs cannot."""
-        return propose(self.source, result, judgement, invisible, result.floor)
+        return propose(self.source, result, judgement, invisible, result.floor, self.limits)
 
     def parts(self, choices: Sequence[Choice]) -> Sequence[int]:
         """Return the numbers of the runs; none of a single one."""
