@@ -1,4 +1,4 @@
-"""Batch least squares of an error model, with sigmas that hold under slow drift.
+"""Batch least squares of an error model, with sigmas that are valid under slow drift.
 
 The output is linear in the products of scale and input columns whatever the coefficients, so the
 whitened products are compressed once by QR; Gauss-Newton on the physical coefficients then runs on
@@ -40,9 +40,9 @@ class ModelFit:
     values : ndarray, shape (p,)
         In the model's unit.
     cov : ndarray, shape (p, p)
-        Covariance, with the share that comes from not knowing the noise exactly.
+        Covariance, including the uncertainty of the noise.
     noise : NoiseModel
-        What was estimated, or given.
+        The estimated or given noise.
     rms : float
         Root mean square of the residual over readings, unit of the input.
     n : int
@@ -98,17 +98,17 @@ def fit(
     record : Record
         With `output` of shape (n,), in the unit of the model's input.
     noise : NoiseModel or NoiseFit, optional
-        The noise when it is known, or has been estimated from more than this record; by default
-        white noise and drift are estimated.
+        The noise, if it is known or was estimated from more data; by default white noise and drift
+        are estimated.
     weighting : {"equal", "noise"}
-        Every reading counts alike, or as the noise says (generalised least squares). The sigmas
-        are those of the noise either way. Equal weights keep the smallest rms when the model
-        lacks an effect, because the missing effect then poses as drift.
+        Equal weights, or weights from the noise (generalised least squares). The sigmas are
+        computed from the noise in both cases. Equal weights give the smallest rms if the model
+        lacks an effect, because a missing effect resembles drift.
     start : mapping, optional
         Start values by name; default: an ideal channel.
     by_run : sequence of str
-        Coefficients that may differ from run to run. They are estimated in common, but the noise
-        is that within the runs: what differs is not taken for drift.
+        Coefficients that may differ from run to run. One common value is estimated, but the noise
+        is that within the runs, so differences between runs are not taken for drift.
 
     Returns
     -------
@@ -119,7 +119,7 @@ def fit(
     NotSeparableError
         If the data cannot separate some coefficients; it names them.
     ValueError
-        If the record has no output or fewer readings than unknowns.
+        If the record has no output or fewer readings than parameters.
     """
     output = _single_output(model, record)
     values = {**model.start_values(), **(start or {})}
@@ -134,7 +134,7 @@ def fit(
             values = _solve(model, record, output, found.noise, values)
             columns, residual = _linearised(model, record, output, values)
             found = estimate_noise_of(record, residual, columns, own_columns=own)
-    if model.parameters:  # they had no effect to judge while their coefficients were zero
+    if model.parameters:  # they had no effect to test while their coefficients were zero
         _refuse(separability(columns.triangle(), model.names, _min_shares(model)))
     return _result(model, values, record, columns, residual, found, weighting)
 
@@ -165,7 +165,7 @@ def fit_values(
 def _linearised(
     model: ErrorModel, record: Record, output: FloatArray, values: Mapping[str, float]
 ) -> tuple[Columns, FloatArray]:
-    """Return the derivative and the residual."""
+    """Return the Jacobian and the residual."""
     residual = model.simulate(record, values)
     np.subtract(output, residual, out=residual)
     return Columns(model, record, values), residual
@@ -175,7 +175,7 @@ def _single_output(model: ErrorModel, record: Record) -> FloatArray:
     if record.output is None or record.output.ndim != 1:
         raise ValueError("the record must have one measured output")
     if len(record) <= len(model.names):
-        raise ValueError(f"{len(record)} readings cannot give {len(model.names)} unknowns")
+        raise ValueError(f"{len(record)} readings cannot determine {len(model.names)} unknowns")
     return record.output
 
 
@@ -188,11 +188,11 @@ def _solve(
     *,
     check: bool = False,
 ) -> dict[str, float]:
-    """Return the least-squares values under a known noise; refuse what is confounded."""
+    """Return the least-squares values under a known noise; refuse inseparable coefficients."""
     names = [c.name for c in model.coefficients]
 
     def squeeze(parameters: Mapping[str, float]) -> Compressed:
-        """Return the small problem with the nonlinear parameters held."""
+        """Return the compressed problem with the nonlinear parameters fixed."""
         triangle: FloatArray | None = None
         for _, joint in whitened_products(model, record, output, noise, parameters):
             triangle = triangle_of(joint, triangle)
@@ -230,7 +230,7 @@ def whitened_products(
 
 
 def _examined(model: ErrorModel, data: Compressed, values: Mapping[str, float]) -> Separability:
-    """Judge the coefficients on the small problem: rotations keep every length and angle."""
+    """Test separability on the compressed problem: rotations keep every length and angle."""
     at = np.array([[values[c.name] for c in model.coefficients]])
     columns = data.triangle @ model.product_weights(at)[1][0]
     return separability(columns, [c.name for c in model.coefficients], _min_shares(model))
@@ -253,7 +253,7 @@ def _best_parameters(
     bounds = [(p.lo, p.hi) for p in model.parameters]
     best = dict(held)
     lowest = cost(best)
-    for p in model.parameters:  # one at a time: enough to land in the right valley
+    for p in model.parameters:  # one at a time: enough to find the right minimum
         grid = np.geomspace(p.lo, p.hi, 12) if p.lo > 0 else np.linspace(p.lo, p.hi, 13)
         for value in grid:
             tried = {**best, p.name: float(value)}
@@ -270,7 +270,7 @@ def _best_parameters(
 
 
 def examine(model: ErrorModel, record: Record, values: Mapping[str, float]) -> Separability:
-    """Tell what a record can separate of a model; the record needs no output."""
+    """Return which coefficients a record can separate; the record needs no output."""
     return separability(derivative(model, record, values), model.names, _min_shares(model))
 
 
@@ -283,7 +283,7 @@ def _result(
     found: NoiseFit,
     weighting: Weighting,
 ) -> ModelFit:
-    """Put the result together; the covariance is averaged over the noise the data allow."""
+    """Build the result; the covariance is averaged over the noise models that the data allow."""
     if weighting == "equal":
         cov, condition = equal_weight_covariance(record, columns, found.support)
     else:

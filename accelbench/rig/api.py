@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 def calibrate(run: "RigRun", options: Options | None = None) -> "Result[tuple[Judged, RigResult]]":
-    """Calibrate a SINS from its run on a rig, and judge it; the twin of `rig calibrate`.
+    """Calibrate a SINS from its rig run and test the result; the twin of `rig calibrate`.
 
     Parameters
     ----------
@@ -37,12 +37,12 @@ def calibrate(run: "RigRun", options: Options | None = None) -> "Result[tuple[Ju
     Returns
     -------
     Result
-        `found` is the judged calibration and the content of the result file.
+        `found` contains the calibration with its tests, and the content of the result file.
 
     Raises
     ------
     InputError
-        If the run lacks what is asked for.
+        If the run lacks data that the options need.
     """
     from accelbench.commands.rig_calibrate.text import calibration_document, verdict
     from sinscal.judgement.procedure import calibrate_and_judge
@@ -72,7 +72,7 @@ def covariance(
     *,
     groups: Sequence[str] = (),
 ) -> "Result[RigCovariance]":
-    """Say before a test how well it will calibrate; the twin of `rig covariance`.
+    """Predict the sigmas of a calibration before the test; the twin of `rig covariance`.
 
     Parameters
     ----------
@@ -81,12 +81,12 @@ def covariance(
     mode : "coarse" or "precise"
         Without or with the rig's angle.
     groups : sequence of str
-        Groups of errors beside biases, scale errors and misalignments.
+        Groups of errors in addition to biases, scale errors and misalignments.
 
     Returns
     -------
     Result
-        One row a parameter, with its sigma before and after.
+        One row per parameter, with its prior sigma and its sigma after the test.
     """
     from accelbench.commands.rig_plan.text import analysis_document
     from sinscal.planning.advice import analyse_programme
@@ -126,12 +126,12 @@ def simulate(
     errors : mapping of str to float, optional
         The sensors' errors, SI; by default those of the programme's file.
     seed : int
-        Of the noise.
+        Random seed of the noise.
 
     Returns
     -------
     Rehearsal
-        `run` is the rig run, `values` the errors put in.
+        `run` is the rig run, `values` the true errors.
     """
     from sinscal.twin.rehearse import rehearse
 
@@ -146,22 +146,22 @@ def flight(
     *,
     every_s: float = 10.0,
 ) -> "Result[FlightCovariance]":
-    """Say what a calibration is worth in flight; the twin of `rig flight`.
+    """Compute the position error in flight after a calibration; the twin of `rig flight`.
 
     Parameters
     ----------
     result : RigResult
-        As `read_result` reads it, or the second of what `calibrate` found.
+        From `read_result`, or the second element of `found` of `calibrate`.
     plan : FlightPlan, optional
     noise : FlightNoise, optional
-        Of the sensors and of the alignment.
+        Noise of the sensors and of the alignment.
     every_s : float
-        Between two rows of the table.
+        Time between two rows of the table, s.
 
     Returns
     -------
     Result
-        One row a moment, with the position error.
+        One row per time, with the position error.
     """
     from accelbench.commands.rig_flight.given import GivenCalibration
     from accelbench.commands.rig_flight.text import flight_document, fly_calibration
@@ -199,7 +199,7 @@ def triad(
     gravity_m_s2 : float, optional
         Local gravity; by default that of the run's site.
     with_temperature : bool
-        Whether slopes over temperature are fitted.
+        True to fit slopes over temperature.
 
     Returns
     -------
@@ -235,7 +235,7 @@ def triad(
 def discrepancy(
     run: "RigRun", *, present: "RigModelFile | None" = None, seed: int = 1
 ) -> "Result[RigDiscrepancy]":
-    """Find and name what the rig filter's model lacks; the twin of `discrepancy rig`.
+    """Find and name the effect that the rig filter lacks; the twin of `discrepancy rig`.
 
     Parameters
     ----------
@@ -243,7 +243,7 @@ def discrepancy(
     present : RigModelFile, optional
         The present model; by default the basic errors alone.
     seed : int
-        Of the simulated nulls.
+        Random seed of the simulated nulls.
 
     Returns
     -------

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 trust_option = click.option(
     "--trust-units",
     is_flag=True,
-    help="Take units and signs as stated, however unlikely; the exit code is then 1.",
+    help="Accept units and signs as stated, even if unlikely; the exit code is then 1.",
 )
 
 

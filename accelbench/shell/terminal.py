@@ -252,7 +252,9 @@ class Terminal:
         shown: tuple[Kind, ...] = ("line", "event")  # readings are shown to nobody here
         missed: dict[Kind, int] = {kind: dropped[kind] for kind in shown if kind in dropped}
         if missed:
-            self.err.show(f"accelbench: the terminal stood still; not shown: {counted(missed)}\n")
+            self.err.show(
+                f"accelbench: the terminal did not accept output; not shown: {counted(missed)}\n"
+            )
 
 
 def open_closed_descriptors() -> None:

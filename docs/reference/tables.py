@@ -100,7 +100,7 @@ def rig_terms() -> str:
                 f"`{first.name}`" + (f" and {len(parameters) - 1} more" if parameters[1:] else ""),
                 made[0].sentence,
                 f"{group.prior_sigma / told.size:.4g} {told.unit}",
-                f"{first.unit}; told in {told.unit}",
+                f"{first.unit}; reported in {told.unit}",
                 group.formula or "–",
             )
         )

@@ -53,7 +53,7 @@ def check_source(name: str, sha256: str, opened: Iterable[LibrarySource]) -> Non
     if sha256 not in [one.sha256 for one in opened]:
         raise ValueError(
             f"needs the library {name}, SHA-256 {sha256[:12]}…; expected that file by --library, "
-            "as it was when this was made"
+            "unchanged since the model was made"
         )
 
 

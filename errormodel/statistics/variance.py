@@ -124,7 +124,7 @@ def fit_components(
     Raises
     ------
     ValueError
-        If shapes differ, a name stands twice, or the factors leave nothing to tell the noise by.
+        If shapes differ, a name is listed twice, or the factors leave nothing to tell the noise by.
 
     References
     ----------

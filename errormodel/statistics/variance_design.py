@@ -146,11 +146,11 @@ def make_design(
     Raises
     ------
     ValueError
-        If shapes differ, a name stands twice, or nothing is left to tell the noise by.
+        If shapes differ, a name is listed twice, or nothing is left to tell the noise by.
     """
     names = [f.name for f in factors]
     if len(set(names)) != len(names):
-        raise ValueError("a factor stands twice")
+        raise ValueError("a factor is listed twice")
     wrong = [f.name for f in factors if f.codes.shape != y.shape]
     if wrong or fixed.shape[0] != y.size:
         raise ValueError(f"{', '.join(wrong) or 'fixed'}: expected {y.size} rows")
@@ -159,7 +159,9 @@ def make_design(
     dof = stratum_degrees_of_freedom(factors, y.size, fixed)
     for name, count in zip([*names, "noise"], dof, strict=True):
         if count < 1:
-            raise ValueError(f"{name} cannot be told from the rest: no degree of freedom is left")
+            raise ValueError(
+                f"{name} cannot be separated from the rest: no degree of freedom is left"
+            )
     centred = y - fixed @ np.linalg.lstsq(fixed, y, rcond=None)[0]
     scale = float(np.sqrt(np.mean(centred**2))) or 1.0
     centred = centred / scale

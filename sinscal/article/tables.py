@@ -79,8 +79,8 @@ class Reading:
         gyro = NOISE.gyro * self.gyro_factor / DEG_PER_H
         bases = {
             "known": "The platform's attitude at angle zero is known (it gives north as well).",
-            "same": "The platform's attitude at angle zero is one unknown for all cycles.",
-            "free": "The platform's attitude at angle zero is an unknown of each cycle.",
+            "same": "The platform's attitude at angle zero is one parameter for all cycles.",
+            "free": "The platform's attitude at angle zero is a separate parameter in each cycle.",
         }
         return (
             f"Accelerometer noise {accel:g} mm/s² at 1 Hz, {_times(self.accel_factor)}.",
@@ -88,11 +88,11 @@ class Reading:
             "The gyros carry the attitude from cycle to cycle."
             if self.carried
             else "The attitude starts anew in each cycle.",
-            "The azimuth of the rotation axis is left to the filter."
+            "The azimuth of the rotation axis is estimated by the filter."
             if self.azimuth_arcmin is None
             else f"The azimuth of the rotation axis is known to {self.azimuth_arcmin:g} arcmin.",
             bases[self.base],
-            "The mounting is another unknown in each cycle."
+            "The mounting is a separate parameter in each cycle."
             if self.remounted
             else "The mounting (1°) is the same in all cycles; the clock offset (0.05 s) too.",
         )

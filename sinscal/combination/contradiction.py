@@ -146,7 +146,7 @@ def _explained(
     told = [f"{text} (χ² falls to {value:.4g})" for value, text in explanations if value <= enough]
     if told:
         return (f"{head}: {told[0]}", *told[1:])
-    return (f"{head}; no exchange of serial numbers and no thermistor offset explains it",)
+    return (f"{head}; neither exchanged serial numbers nor a thermistor offset explain it",)
 
 
 def _best_exchange(

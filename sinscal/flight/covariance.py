@@ -190,7 +190,7 @@ def assess(sensitivity: Sensitivity, calibration: Calibration) -> FlightCovarian
         If the sensitivity was not made for the calibration's parameters.
     """
     if calibration.names != sensitivity.names:
-        raise ValueError("the sensitivity is that of other parameters than the calibration's")
+        raise ValueError("the sensitivity has other parameters than the calibration")
     psi, p = sensitivity.psi, calibration.cov
     cov = psi @ p @ np.swapaxes(psi, 1, 2) + sensitivity.noise_cov
     to_m = A_M * np.stack([np.ones_like(sensitivity.lat_rad), np.cos(sensitivity.lat_rad)], axis=1)

@@ -54,7 +54,7 @@ def calibrate_and_judge(run: RigRun, options: Options, tell: Tell = lambda _: No
     found = _calibrated(run, options, sensors, noise.noise)
     if noise.estimated:
         noise = refined(noise, found.filtered)
-        tell("again with the noise that the innovations show")
+        tell("again with the noise measured from the innovations")
         found = _calibrated(run, options, sensors, noise.noise)
     found, views, drifts = _with_drifts(run, options, found, tell)
     held: list[HoldOut] = []
@@ -88,7 +88,7 @@ def _with_drifts(
     """Return the calibration with the drifts that the run shows, and what it still lacks."""
     cycles = cycle_data(run, options.interval_s)
     given = options.priors.sigma if options.priors else {}
-    tell("testing what the model lacks")
+    tell("testing for missing effects")
     views = effect_views(run, found, cycles, given)
     drifts: tuple[Drift, ...] = ()
     while True:

@@ -27,7 +27,7 @@ from sinscal.recording.run import NavRun, RigRun
 FORMAT = "accelbench-rig-calibration"
 VERSION = 1
 APPLIED = (
-    "x = T − t_ref_c; what is not among names is 0. To correct readings solve for ω and f: "
+    "x = T − t_ref_c; parameters not in names are 0. To correct readings solve for ω and f: "
     "ω ← ω′ − error(ω, f), f ← f′ − error(ω, f), from ω′ and f′, until nothing changes (four times)"
 )
 REST = "specific force at rest points up; the platform's axes are those of exp(rig_mount ×)·body"

@@ -1,4 +1,4 @@
-"""Constant errors that jump or drift within a run."""
+"""Constant errors with a step or a drift within a run."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -12,7 +12,7 @@ from sinscal.library import accelerometer, gyro
 from sinscal.library.groups import TIME, ChannelId, Group, Kind, RigEffect, needing, term_of
 
 CONSTANT_ERRORS = {"gyro": gyro.BIAS, "accel": accelerometer.BIAS}
-# A constant error drifts as warmth that is not recorded makes it, by so many °C.
+# Prior of the drift: the effect of this unrecorded temperature change, °C.
 UNRECORDED_C = 5.0
 
 
@@ -25,13 +25,13 @@ def constant_error_step(kind: Kind, at_s: float) -> Group:
     def make(c: ChannelId) -> Term:
         name = f"{kind}_bias_step_{c.letter}"
         part = (name, f"Δ{c.letter}", _unit(kind), after)
-        return _passing(term_of(name, "The constant error jumped.", [part]))
+        return _passing(term_of(name, "The constant error has a step.", [part]))
 
     return _of_constant_error(kind, "step", make)
 
 
 def fading(since_s: FloatArray, tau_s: float, span_s: float) -> FloatArray:
-    """Return a course that rises by one over a run: evenly, or fading with a time constant."""
+    """Return a function that rises by one over a run, linearly or decaying."""
     inside = np.clip(since_s, 0.0, span_s)
     if not np.isfinite(tau_s):
         return inside / span_s
@@ -55,7 +55,7 @@ def constant_error_drift(kind: Kind, tau_s: float, span_s: float) -> Group:
 
 
 def _of_constant_error(kind: Kind, change: str, make: Callable[[ChannelId], Term]) -> Group:
-    """Return the group of a change of the constant errors: expected and told as they are."""
+    """Return the group of a change of the constant errors, with their prior and unit."""
     constant = CONSTANT_ERRORS[kind]
     return Group(
         name=f"{constant.name}_{change}",
@@ -86,7 +86,7 @@ EFFECTS = tuple(
     RigEffect(
         name=f"{kind}_bias_step",
         sentence=f"The constant errors of the {sensors} jumped.",
-        experiment="repeat the run: a jump does not come again at the same time",
+        experiment="repeat the run: a step does not repeat at the same time",
         follows=TIME,
         step=kind,
     )

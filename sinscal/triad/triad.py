@@ -219,7 +219,9 @@ class _Problem:
             scale = np.linalg.norm(jacobian * weight[:, None], axis=0)
             if k > 2 and float(np.max(np.abs(step) * scale)) < 1e-6:
                 return values, float(np.sqrt(pose2))
-        raise InputError(source, "", f"the triad's fit does not settle in {ITERATIONS} steps")
+        raise InputError(
+            source, "", f"the fit of the triad does not converge in {ITERATIONS} steps"
+        )
 
 
 def paule_mandel(residual: FloatArray, within2: FloatArray, dof: int) -> float:
@@ -247,7 +249,9 @@ def _check_separable(scaled: FloatArray, names: tuple[str, ...], source: str) ->
     weak = vt[s < CONDITION * s[0]]
     if weak.size:
         groups = [[names[k] for k in np.flatnonzero(np.abs(v) > 0.3)] for v in weak]
-        raise NotSeparableError(groups, f"{source}: the positions (more of them, turned otherwise)")
+        raise NotSeparableError(
+            groups, f"{source}: the positions (more of them, in other orientations)"
+        )
     return s
 
 

@@ -58,7 +58,7 @@ def simulate_rig(
     warming : callable, optional
         Temperatures (n, 3) over time, °C.
     with_angle : bool
-        Whether the rig's angle is recorded.
+        Record the rig's angle.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Readings averaged in blocks: means over a minute at one position keep all that is slow."""
+"""Readings averaged in blocks: means over a minute at one position keep all slow changes."""
 
 from dataclasses import dataclass
 
@@ -10,7 +10,7 @@ from thermo.library.moves import TURNED_DEG
 from thermo.recording.channel import Channel
 
 BLOCK_S = 60.0
-# A short log is cut into some 600 blocks all the same.
+# A short log is still divided into some 600 blocks.
 LEAST_BLOCKS = 600
 # A long record is cut into longer blocks: what is slow needs no more, and the search's time grows
 # with their number.

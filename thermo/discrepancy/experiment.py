@@ -1,8 +1,8 @@
-"""The experiment that would settle what is open, chosen from a menu by what it tells apart.
+"""Selection of the experiment that separates the open candidates best.
 
 T-optimality: the measured effect is simulated in each experiment, and every rival is fitted to it;
-the experiment counts with the whitened distance that the best rival leaves. What these runs cannot
-show at all is proposed by how strongly the experiment would show it.
+the criterion is the whitened distance of the best rival. For effects that these runs cannot show,
+the criterion is the strength with which the experiment would show them.
 """
 
 import math
@@ -31,21 +31,21 @@ from thermo.recording.channel import Channel
 from thermo.selection.orders import mounted
 
 RIVALS = 4
-# A rival this many sigma away is told apart in all but one case in a thousand.
+# A rival at this distance in sigmas is separated in all but one case in a thousand.
 CLEAR_D = 10.0
-# This many sigma away in expectation, a rival is still within an alias set in one case in twenty.
+# At this expected distance in sigmas, a rival is still in an alias set in one case in twenty.
 SETTLED_D = 5.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Experiment:
-    """An experiment proposed.
+    """A proposed experiment.
 
     Attributes
     ----------
     text : str
     separates : tuple of str
-        The effects it tells apart, or shows.
+        The effects that it separates, or shows.
     d_before, d_after : float or None
         Whitened distance of the nearest rival in these runs, and expected with the experiment.
     hours : float or None
@@ -60,12 +60,12 @@ class Experiment:
     sequence: Sequence | None
 
     def toml(self) -> str:
-        """Return the sequence file that `run` takes, what it is for in its head.
+        """Return the sequence file for `run`, with its purpose in the heading.
 
         Raises
         ------
         ValueError
-            If the experiment is told in words only.
+            If the experiment is described in words only.
         """
         if self.sequence is None:
             raise ValueError("this experiment has no sequence")
@@ -82,7 +82,7 @@ def propose(
     floor: NoiseFit,
     limits: Limits = NO_LIMITS,
 ) -> Experiment | None:
-    """Propose what would tell an alias set apart, or show what these runs cannot.
+    """Propose an experiment that separates an alias set, or shows invisible effects.
 
     Parameters
     ----------
@@ -111,7 +111,8 @@ def propose(
             made = propose_separation(source, floor, first.choice, rivals, first.weights, limits)
             return replace(
                 made,
-                text="one run and one loop do not tell thermal history from drift: " + made.text,
+                text="one run and one loop cannot separate thermal history from drift: "
+                + made.text,
             )
     return _Experiments(source, floor, limits).showing(invisible) if invisible else None
 
@@ -124,7 +125,7 @@ def propose_separation(
     weights: Mapping[str, float] | None = None,
     limits: Limits = NO_LIMITS,
 ) -> Experiment:
-    """Propose what would tell one effect, at the size it has in these runs, from others.
+    """Propose an experiment that separates one effect, at its size in these runs, from others.
 
     Parameters
     ----------
@@ -168,7 +169,7 @@ class _Outcome:
 
 
 def _thinned(grid: Many[Theta]) -> Many[Theta]:
-    """Return some points of a grid: enough to see whether one effect imitates another."""
+    """Return some points of a grid: enough to test whether one effect imitates another."""
     return grid[:: max(1, round(len(grid) / POINTS))]
 
 
@@ -232,9 +233,9 @@ class _Experiments:
         return _Outcome(distances, told / sum(own.values()), item, plan.total_s / 3600)
 
     def showing(self, names: Many[str]) -> Experiment | None:
-        """Return the first experiment that shows the most of effects that are invisible here.
+        """Return the first experiment that shows the largest number of invisible effects.
 
-        Among those the one where they are least like any other effect.
+        Among equal ones, the one in which they are least similar to other effects.
         """
         best: tuple[tuple[int, float], tuple[str, ...], Item, Plan] | None = None
         for item, plan, channel in self._planned():
@@ -316,7 +317,7 @@ class _Experiments:
         return made
 
     def _apart(self, channel: Channel, names: Many[str]) -> dict[str, float]:
-        """Return the effects that the runs show, and what share of each no other imitates."""
+        """Return the visible effects, and the share of each that no other effect imitates."""
         record = channel.record
         perfect = type(record)(
             time_s=record.time_s, run=record.run, signals=record.signals, output=record["a_i_g"]

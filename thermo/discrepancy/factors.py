@@ -1,4 +1,4 @@
-"""Factors that a chamber run's residual may follow, and all that would repeat in a new run."""
+"""Factors that the residual of a chamber run may follow, and columns that would repeat."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -40,19 +40,19 @@ def splines(x: FloatArray, knot: float) -> FloatArray:
 
 
 def indicator(labels: IntArray) -> FloatArray:
-    """Return one column of zeros and ones a label."""
+    """Return one indicator column per label."""
     return (labels[:, None] == np.unique(labels)[None, :]).astype(float)
 
 
 def by_label(columns: FloatArray, labels: IntArray) -> FloatArray:
-    """Return every column once for each label, zero elsewhere; empty ones left out."""
+    """Return every column once per label, zero elsewhere, without empty columns."""
     marks = indicator(labels)
     product = np.hstack([columns * marks[:, [k]] for k in range(marks.shape[1])])
     return product[:, np.any(product != 0, axis=0)]
 
 
 class Seen:
-    """A channel's block means of what its residual may follow."""
+    """Block means of the quantities that the residual of a channel may follow."""
 
     def __init__(self, channel: Channel, blocks: Blocks) -> None:
         record = channel.record
@@ -77,7 +77,7 @@ class Seen:
         return self.blocks.mean(quantity.of(self.channel.record))
 
     def side(self) -> IntArray:
-        """Return heating or cooling; a hold counts with the direction before it."""
+        """Return heating or cooling; a hold has the direction of the preceding ramp."""
         side = self.direction.copy()
         for k in range(1, side.size):
             if side[k] == HOLD and self.run[k] == self.run[k - 1]:
@@ -293,8 +293,8 @@ def factor_kind(seen: Seen, name: str) -> FactorKind:
 def saturated_columns(seen: Seen) -> FloatArray:
     """Return columns for everything that would repeat: temperature by direction and position.
 
-    With a single run nothing is known to repeat, and temperature by direction is time itself:
-    then only what no time can imitate is taken, the position.
+    With a single run it is not known what repeats, and temperature by direction is equivalent to
+    time. Then only the position is used, because time cannot imitate it.
     """
     columns: list[FloatArray] = [np.ones((seen.temp.size, 1))]
     n_positions = int(seen.position.max()) + 1

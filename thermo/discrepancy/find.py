@@ -1,8 +1,8 @@
 """The verdict on chamber runs: where they disagree with the model, and which effect is missing.
 
 `find_discrepancy` is the whole work for recorded chamber runs: the present model is simulated on
-the recorded inputs and compared with the outputs; what is left is located, a library of named
-effects is tried, the effect found is added and judged on runs that were held out.
+the recorded inputs and compared with the outputs; the residual is located, a library of named
+effects is tried, and the named effect is added and tested on held-out runs.
 """
 
 from collections.abc import Sequence
@@ -42,7 +42,7 @@ SHAPE_NAME = "my_effect"  # of an effect without a name, with the accelerometer'
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Discrepancy(Conclusion[RunGap, Experiment]):
-    """One accelerometer's verdict and everything it stands on.
+    """The verdict on one accelerometer and its basis.
 
     Attributes
     ----------
@@ -50,18 +50,19 @@ class Discrepancy(Conclusion[RunGap, Experiment]):
     t_ref_c : float
     source : ThermalSource
     before, after : Fitted
-        The present model and the enlarged one, fitted under the noise found: parameters, sigmas.
+        The present model and the enlarged one, fitted under the estimated noise: parameters,
+        sigmas.
     plain_before, plain_after : Fitted
-        Both models with readings weighed alike: residuals.
+        Both models fitted with equal weights: residuals.
     effects : tuple of EffectFound
     where : FactorFinding or None
-        The factor that carries the excess.
+        The factor that explains the excess.
     where_text : str
     rms_before_ug, rms_after_ug, floor_ug : float
         Over readings.
     heldout : HeldOut or None
     shared : tuple of SharedEffect
-        Effects that other accelerometers show as well, with whose they are.
+        Effects that other accelerometers also show, with their cause.
     fit_first : tuple of str
         Terms of the equation that the present model lacks at once.
     shape : ShapeFound or None
@@ -110,13 +111,13 @@ def find_discrepancy(
     limits: Limits = NO_LIMITS,
     tell: Tell | None = None,
 ) -> tuple[Discrepancy, ...]:
-    """Find and name what is missing from the model of each accelerometer in recorded runs.
+    """Find and name the missing effects of each accelerometer in recorded runs.
 
     Parameters
     ----------
     runs : RecordedRuns
     model : TermsFile or "bare", optional
-        The present model's terms; by default those that `fit` chooses for each accelerometer.
+        The present model's terms; by default those that `fit` selects for each accelerometer.
         "bare": k0 and k1, each quadratic in temperature.
     effects : sequence of ThermalEffect
         The library.
@@ -138,7 +139,7 @@ def find_discrepancy(
     Returns
     -------
     tuple of Discrepancy
-        One verdict an accelerometer.
+        One verdict per accelerometer.
 
     Raises
     ------
@@ -223,7 +224,7 @@ def _discrepancy(
 
 
 def _fit_first(source: ThermalSource, result: SearchState, after: Fitted) -> tuple[str, ...]:
-    """Return the terms of the equation that the present model lacks at once.
+    """Return the terms of the equation that are jointly missing from the present model.
 
     Terms without effect in these runs, such as of force along the output axis, are left out.
     """
@@ -233,7 +234,7 @@ def _fit_first(source: ThermalSource, result: SearchState, after: Fitted) -> tup
 
 
 def _where(places: Sequence[FactorFinding], verdict: Judgement) -> FactorFinding | None:
-    """Return the factor that carries the excess; for what is unexplained, one of its kind."""
+    """Return the factor that explains the excess; for an unexplained verdict, one of its kind."""
     kind = {"unexplained_repeatable": True, "unexplained_noise": False}.get(verdict.verdict)
     fitting = [f for f in places if kind is None or f.repeatable == kind]
     return fitting[0] if fitting else None

@@ -1,4 +1,4 @@
-"""An accelerometer's chamber runs as the investigation takes them."""
+"""The chamber runs of an accelerometer as a measurement for the investigation."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -19,11 +19,11 @@ from thermo.discrepancy.problem.source import ThermalSource
 from thermo.discrepancy.shape import against_shape
 from thermo.discrepancy.shared import SearchedChannel, Unlike, unlike_effects
 
-# Orders of temperature are alike in heating and cooling: history may be beside them.
+# Orders of temperature are equal in heating and cooling, so a history effect can be added.
 ORDERS = frozenset({"bias_temperature_order", "scale_temperature_order"})
-# A slow part larger than this many times the white noise of a reading is no instrument's drift.
+# Slow noise above this multiple of the white noise of a reading is not instrument drift.
 MOST_DRIFT = 3.0
-# From so many degrees of freedom on, the white noise of a reading is that within blocks.
+# Degrees of freedom from which the white noise within blocks is used.
 ENOUGH_WITHIN = 100
 
 
@@ -43,11 +43,11 @@ class ChamberRuns(Measurement[RunGap, Experiment]):
         return self.source.problem(chosen, noise)
 
     def rules(self, rules: Rules) -> Rules:
-        """Return the thresholds; one run does not carry a second name."""
+        """Return the thresholds; a single run allows no second name."""
         return rules if self.source.seen.runs > 1 else replace(rules, most=1)
 
     def wider_rules(self, result: SearchState) -> Rules | None:
-        """Return thresholds for two names in one run, where the first is an order."""
+        """Return thresholds for two names in one run if the first is an order."""
         if self.source.seen.runs == 1 and {c.name for c in result.found} & ORDERS:
             return replace(result.rules, most=2)
         return None
@@ -55,7 +55,7 @@ class ChamberRuns(Measurement[RunGap, Experiment]):
     def refuted(
         self, of: Searched[RunGap, Experiment], every: Sequence[Searched[RunGap, Experiment]]
     ) -> tuple[Unlike, ...]:
-        """Return the effects of a shared owner that the accelerometers on it do not share."""
+        """Return effects with a shared cause and different sizes in the accelerometers."""
         channels = {id(s): _channel(s) for s in every}
         return unlike_effects(channels[id(of)], list(channels.values()))
 
@@ -68,7 +68,7 @@ class ChamberRuns(Measurement[RunGap, Experiment]):
         )
 
     def drifts_too_much(self, result: SearchState) -> bool:
-        """Tell whether the slow noise found is more than an instrument's drift can be."""
+        """Return True if the estimated slow noise exceeds the possible drift of an instrument."""
         noise = result.floor.noise
         drift = noise.white * np.sqrt(noise.slow_share(self.source.blocks.times.span_s))
         return bool(drift > MOST_DRIFT * self._white_ug(result))
@@ -83,7 +83,7 @@ class ChamberRuns(Measurement[RunGap, Experiment]):
         return against_shape(self.source, judgement, result, self.shape_name)
 
     def _white_ug(self, result: SearchState) -> float:
-        """Return the white sigma of a reading: from within blocks where there is enough."""
+        """Return the white sigma of a reading: from within blocks if there are enough readings."""
         source, noise = self.source, result.floor.noise
         fitted = source.fitted(result.found, noise)
         sigma, dof = source.blocks.spread(reading_residual_ug(source.channel, fitted))
@@ -107,7 +107,7 @@ class ChamberRuns(Measurement[RunGap, Experiment]):
         return propose(self.source, result, judgement, invisible, result.floor, self.limits)
 
     def parts(self, choices: Sequence[Choice]) -> Sequence[int]:
-        """Return the numbers of the runs; none of a single one."""
+        """Return the numbers of the runs; empty for a single run."""
         del choices
         runs = len(self.source.channel.run_ids)
         return range(runs) if runs > 1 else ()

@@ -126,5 +126,5 @@ def where_text(source: ThermalSource, where: FactorFinding | None, judgement: Ju
     if judgement.bursts > 6.0 and judgement.verdict == "unexplained_noise":
         text += ", in bursts"
     if where.excess < 1.0:
-        return f"{text}, but by no more than noise gives."
-    return f"{text} (chi-square {where.excess:.0f} above what noise gives)."
+        return f"{text}, but not more than noise alone."
+    return f"{text} (chi-square {where.excess:.0f} above the noise)."

@@ -1,4 +1,4 @@
-"""Terms of a campaign, a power-on or a moment: bias that relaxes, jumps or drifts."""
+"""Terms of a campaign, a power-on or one time: a bias that relaxes, steps or drifts."""
 
 from collections.abc import Callable, Sequence
 
@@ -26,7 +26,7 @@ def run_in() -> Term:
     """Return a bias that relaxes over the campaign."""
     return Term(
         name="run_in",
-        sentence="Stress from assembly relaxes: the bias dies away over the campaign.",
+        sentence="Stress from assembly relaxes: the change of bias decays over the campaign.",
         place="input",
         coefficients=(millionths("run_in", "A", "µg"),),
         columns=lambda r, v, m: (np.exp(-r["elapsed_h"] / v["run_in_tau_h"])[:, None], m),
@@ -48,10 +48,10 @@ def run_in() -> Term:
 
 
 def warm_up() -> Term:
-    """Return a bias that dies away after each power-on, which a run's start is taken for."""
+    """Return a bias change that decays after each start of a run (power-on)."""
     return Term(
         name="warm_up",
-        sentence="The bias dies away after each power-on while the accelerometer warms itself.",
+        sentence="A change of bias decays after each power-on while the accelerometer warms up.",
         place="input",
         coefficients=(millionths("warm_up", "W", "µg"),),
         columns=lambda r, v, m: (np.exp(-r.time_s / v["warm_up_tau_s"])[:, None], m),
@@ -93,7 +93,7 @@ def bias_step() -> Term:
     """Return a step of the bias at one time."""
     return Term(
         name="bias_step",
-        sentence="The bias stepped once and stayed.",
+        sentence="The bias stepped once and kept the new value.",
         place="input",
         coefficients=(millionths("bias_step", "J", "µg"),),
         columns=lambda r, v, m: (
@@ -118,12 +118,12 @@ def bias_step() -> Term:
 
 
 def bias_drift() -> Term:
-    """Return a bias that changes uniformly over the campaign."""
+    """Return a bias that changes linearly over the campaign."""
     return one_column(
         "bias_drift",
         symbol="D",
         unit="µg/h",
-        sentence="The bias changes uniformly with time over the campaign.",
+        sentence="The bias changes linearly with time over the campaign.",
         column=lambda r: r["elapsed_h"],
         needs=("elapsed_h",),
         prior_sigma=1e-3,  # 1 mg/h: wider than any accelerometer
@@ -165,7 +165,7 @@ def _daily(at: Context) -> Sequence[Form]:
 def _relaxing(
     name: str, parameter: str, range_of: Callable[[Context], tuple[float, float]]
 ) -> Callable[[Context], Sequence[Form]]:
-    """Return the form of a bias that dies away, its time constant in a range the runs allow."""
+    """Return the form of a decaying bias, with a time constant in the range that the runs allow."""
 
     def forms(at: Context) -> Sequence[Form]:
         if name in at.term_names:
@@ -207,8 +207,8 @@ TERMS: dict[str, Callable[[], Effect]] = {
 EFFECTS = (
     ThermalEffect(
         name="run_in",
-        sentence="Stress from assembly relaxes: the bias dies away over the campaign, {size} at "
-        "its start.",
+        sentence="Stress from assembly relaxes: the change of bias decays over the campaign, "
+        "{size} at its start.",
         forms=_relaxing("run_in", "run_in_tau_h", _run_in_h),
         experiment="two more runs of the same kind after a rest of a day",
         event=True,
@@ -216,7 +216,7 @@ EFFECTS = (
     ),
     ThermalEffect(
         name="warm_up",
-        sentence="The bias dies away after each power-on, {size} at first.",
+        sentence="A change of bias decays after each power-on, {size} at first.",
         forms=_relaxing("warm_up", "warm_up_tau_s", _warm_up_s),
         # no example: the station powers its accelerometers before the chamber goes to where a run
         # begins, and by then it is over
@@ -236,9 +236,9 @@ EFFECTS = (
     ),
     ThermalEffect(
         name="bias_step",
-        sentence="The bias stepped once and stayed: {size}.",
+        sentence="The bias stepped once and kept the new value: {size}.",
         forms=_step,
-        experiment="the same run again: a step that has stayed is in all of it",
+        experiment="the same run again: a permanent step is present in all of it",
         event=True,
         cause="run",
         # hours of the station's clock: within the third run of the demonstration, as a step in a
@@ -247,7 +247,7 @@ EFFECTS = (
     ),
     ThermalEffect(
         name="bias_drift",
-        sentence="The bias changes uniformly with time, {size}.",
+        sentence="The bias changes linearly with time, {size}.",
         forms=plain_form("bias_drift"),
         experiment="a long hold at one temperature",
         event=True,

@@ -1,4 +1,4 @@
-"""Heat that flows through the accelerometer: bias and scale factor follow dT/dt."""
+"""Heat flow through the accelerometer: bias and scale factor follow dT/dt."""
 
 from collections.abc import Callable, Sequence
 
@@ -93,8 +93,8 @@ EFFECTS = (
         name="temperature_rate_bias",
         sentence="The bias follows the rate of temperature, {size}.",
         forms=_rate_bias,
-        experiment="two ramp rates over the same temperatures: it is proportional to the rate and "
-        "gone in a hold at once",
+        experiment="two ramp rates over the same temperatures: the effect is proportional to the "
+        "rate and vanishes at once in a hold",
         example=Example(term="temperature_rate_bias", values={"temperature_rate_bias": 12 / MICRO}),
     ),
     ThermalEffect(

@@ -44,7 +44,7 @@ _STATIC: tuple[Term, ...] = (
         "delta_o",
         symbol="δo",
         unit="µrad",
-        sentence="The input axis is turned about the output axis, towards the pendulous axis.",
+        sentence="The input axis is rotated about the output axis, towards the pendulous axis.",
         column=lambda r: r["a_p_g"],
         needs=("a_p_g",),
         prior_sigma=WIDE,
@@ -54,7 +54,7 @@ _STATIC: tuple[Term, ...] = (
         "delta_p",
         symbol="δp",
         unit="µrad",
-        sentence="The input axis is turned about the pendulous axis, away from the output axis.",
+        sentence="The input axis is rotated about the pendulous axis, away from the output axis.",
         column=lambda r: -r["a_o_g"],
         needs=("a_o_g",),
         prior_sigma=WIDE,
@@ -151,7 +151,7 @@ EFFECTS = (
         name="third_order",
         sentence="The output has a part proportional to the input cubed, {size}.",
         forms=plain_form("k3"),
-        experiment="positions every 45°: at 0°, ±90° and 180° it is the same as scale factor",
+        experiment="positions every 45°: at 0°, ±90° and 180° it equals a scale factor",
         example=Example(term="k3", values={"k3": 20 / MICRO}),  # assumed as large
     ),
     ThermalEffect(
@@ -160,7 +160,7 @@ EFFECTS = (
         "by the same angle does the same.",
         forms=_with_slope("delta_o", "delta_p", "k_ip", "k_io"),
         experiment="positions every 45°, and the same with the accelerometer turned by 180° about "
-        "its input axis, which reverses it but not the head's error",
+        "its input axis, which reverses the effect but not the head's error",
         # repeats to 100 µrad over a year
         example=Example(term="delta_o", values={"delta_o": 100 / MICRO}),
     ),

@@ -167,7 +167,7 @@ def refuse_copies(record: RecordedRuns) -> None:
                 record.source,
                 "",
                 f"run {run!r} serial {serial!r} has the same readings as run {other[0]!r} serial "
-                f"{other[1]!r}; expected a run to stand under one name",
+                f"{other[1]!r}; expected each run under one name only",
             )
 
 
@@ -250,7 +250,7 @@ def _read_one(path: Path, *, checked: bool) -> RecordedRuns:
             path,
             "",
             f"expected {side.name} beside it with the keys output_unit, gravity_m_s2, "
-            "nominal_scale and, where there are, run_start_utc and mount_deg",
+            "nominal_scale and optionally run_start_utc and mount_deg",
         )
     sidecar = read_toml(side, Sidecar)
     form = TableForm(numbers=number_columns(), texts=TEXTS, required=REQUIRED)
@@ -284,12 +284,14 @@ def join_runs(parts: Sequence[RecordedRuns]) -> RecordedRuns:
             turned = part.mount_deg.get((run, serial), 0.0)
             if mounts.setdefault((run, serial), turned) != turned:
                 raise InputError(
-                    part.source, "", f"run {run!r} serial {serial!r}: mounted otherwise than in "
+                    part.source, "", f"run {run!r} serial {serial!r}: mounted differently in "
                     "another file"
                 )  # fmt: skip
         for run, start in part.run_start_utc.items():
             if starts.setdefault(run, start) != start:
-                raise InputError(part.source, "", f"run {run!r} began at another time elsewhere")
+                raise InputError(
+                    part.source, "", f"run {run!r} has another start time in another file"
+                )
     joined = RecordedRuns(
         run=Labels.join([part.run for part in parts]),
         serial=Labels.join([part.serial for part in parts]),
@@ -331,6 +333,6 @@ def _in_order_of_time(joined: RecordedRuns, parts: Sequence[RecordedRuns]) -> Re
             parts[int(np.searchsorted(ends, row, side="right"))].source,
             "",
             f"run {joined.run.at(row)!r} serial {joined.serial.at(row)!r} time_s "
-            f"{joined.time_s[row]} is in another file too",
+            f"{joined.time_s[row]} is also in another file",
         )
     return joined.take(order)

@@ -98,8 +98,8 @@ def flag_readings(record: RecordedRuns, place: Callable[[int], str] | None = Non
             structured.append(f"{serial}: {len(found)} of {total}")
     if structured:
         log.warning(
-            "%s: too many readings leave their neighbours to be accidents (%s); none of them is "
-            "left out: the head may still move, or the output settle after a move",
+            "%s: too many readings deviate from their neighbours to be accidental (%s); none of "
+            "them is left out: the head may still move, or the output may settle after a move",
             record.source,
             ", ".join(structured),
         )

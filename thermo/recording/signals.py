@@ -218,7 +218,7 @@ STANDARD: tuple[Signal, ...] = (
     Signal(
         name="x_slow_c",
         unit="°C",
-        sentence="The same without the thermistor's noise.",
+        sentence="The same without the noise of the thermistor.",
         make=lambda at: sealed(at.smooth[0] - at.t_ref_c),
     ),
     Signal(
@@ -280,7 +280,7 @@ def with_signal_file(file: PythonFile) -> tuple[Signal, ...]:
     taken = {one.name for one in signals()} | RESERVED
     for one in more:
         if one.name in taken or not one.name.isidentifier():
-            problem = f"{one.name!r} is taken or no name; expected another, like supply_v"
+            problem = f"{one.name!r} is in use or not a valid name; expected another, like supply_v"
             raise InputError(file.path, "SIGNALS", problem)
         taken.add(one.name)
     return (*signals(), *more)

@@ -130,9 +130,9 @@ class RunInVerdict:
         if self.settled:
             what = f"settled after {self.cycles} cycles: no further change above the limits"
             assumed = (
-                "if nothing slower than the relaxation goes on (assumed)"
+                "if there is no process slower than the relaxation (assumed)"
                 if self.nothing_slow
-                else "unless something begins that has not begun to show"
+                else "unless a process begins that these cycles do not show"
             )
             if self.unseen:
                 slow = ", ".join(u.sentence for u in self.unseen)
@@ -158,8 +158,8 @@ class RunInVerdict:
         high = self.cycles_needed[1]
         slower = f"more than {HORIZON}" if high is None else f"up to {high}"
         return (
-            f"{needed_text(plain)} if nothing slower than the relaxation goes on, which is not "
-            f"excluded and would need {slower}"
+            f"{needed_text(plain)} if there is no process slower than the relaxation; a slower "
+            f"one is not excluded and would need {slower}"
         )
 
     @property

@@ -20,9 +20,9 @@ MAX_POSITIONS = 36  # more angles than these are no positions that repeat
 FACTORS = {
     "accelerometer": "one accelerometer's K0 differs from another's",
     "run": "a run of an accelerometer differs from its other runs",
-    "direction": "heating differs from cooling, alike in all runs of an accelerometer",
+    "direction": "heating differs from cooling equally in all runs of an accelerometer",
     "run_direction": "a direction of a run differs from that of other runs: drift within a run",
-    "position": "a position of the head differs from others, alike in all runs",
+    "position": "a position of the head differs from others equally in all runs",
     "noise": "the rest, of the mean of a cell of run, direction and position",
 }
 

@@ -286,7 +286,7 @@ def _judge(
         grade_best=possible,
         rank=0,
         notes=(
-            *(f"limit of {n}: its runs give nothing to hold against it" for n in missing),
+            *(f"limit of {n}: its runs give no value to compare with it" for n in missing),
             *notes_of(one, temperatures),
         ),
     )

@@ -65,7 +65,7 @@ def comparable(runs: RecordedRuns) -> tuple[RecordedRuns, tuple[LeftOutRun, ...]
 def notes_of(one: RunByRun, temperatures: Sequence[float]) -> tuple[str, ...]:
     """Say what a reader of an accelerometer's figures must know."""
     notes = [
-        f"run {r.run_id} cannot give {', '.join(r.held)}: held as of all runs"
+        f"run {r.run_id} cannot determine {', '.join(r.held)}: held as of all runs"
         for r in one.runs
         if r.held
     ]
@@ -79,12 +79,13 @@ def notes_of(one: RunByRun, temperatures: Sequence[float]) -> tuple[str, ...]:
         if low <= high and not low <= t <= high
     ]
     if not one.joint.channel.has_input:
-        notes.append("the input is not recorded: K0 holds it too, and K1 cannot be had")
+        notes.append("the input is not recorded: K0 includes it, and K1 cannot be fitted")
     if not one.scale_fitted:
-        notes.append("no K1 was fitted: µg are over the nominal scale factor")
+        notes.append("no K1 was fitted: values in µg use the nominal scale factor")
     least = min(one.noise_ratios.values())
     notes += [
-        f"run {r} is {ratio / least:.2g} times as noisy as the quietest one; its sigmas say so"
+        f"run {r} is {ratio / least:.2g} times as noisy as the quietest one; its sigmas include "
+        f"this"
         for r, ratio in one.noise_ratios.items()
         if ratio > NOISIER * least
     ]
@@ -94,8 +95,9 @@ def notes_of(one: RunByRun, temperatures: Sequence[float]) -> tuple[str, ...]:
     tau_s, drift_ug = one.noise.drift_tau_s, 1e6 * one.noise.drift
     if drift_ug > 0.0 and tau_s > SLOW * min(spans):
         notes.append(
-            f"a drift of {drift_ug:.2g} µg with a time constant of {tau_s / 3600:.2g} h goes on "
-            "within the runs: drift so slow cannot be told from a difference between runs"
+            f"a drift of {drift_ug:.2g} µg with a time constant of {tau_s / 3600:.2g} h is "
+            f"present within the runs: drift so slow cannot be separated from a difference "
+            f"between runs"
         )
     return tuple(notes)
 
@@ -110,7 +112,7 @@ def _hidden(one: RunByRun, least: float) -> Iterator[str]:
         if found := residual_factors(one, run)[:1]:
             yield (
                 f"run {run.run_id} still follows {found[0].words} ({found[0].rms_ug:.3g} µg rms, "
-                f"{found[0].sigmas:.2g} sigma), which the noise of the others hid from the model "
-                "chosen on all runs: its coefficients are off by more than their sigmas; compare "
-                "the quiet runs without the noisy ones"
+                f"{found[0].sigmas:.2g} sigma), which the noise of the others hid when the model "
+                f"was selected: its coefficients are wrong by more than their sigmas; compare "
+                f"the quiet runs without the noisy ones"
             )

@@ -214,7 +214,7 @@ def _free_model(model: ErrorModel, part: Channel, serial: str) -> ErrorModel:
     found = _separable(model, part.record)
     if "k0" not in found.names:
         place = f"serial {serial} run {part.run_ids[0]}"
-        raise InputError("recorded runs", place, "cannot give K0; the model needs the term k0")
+        raise InputError("recorded runs", place, "cannot determine K0; the model needs the term k0")
     return found
 
 

@@ -30,7 +30,7 @@ def need_test(connection: sa.Connection, test_id: str) -> Mapping[str, Any]:
     query = sa.select(test_table).where(test_table.c.id == test_id)
     found = connection.execute(query).mappings().first()
     if found is None:
-        raise StoreError(f"test {test_id!r}: there is none of this id")
+        raise StoreError(f"test {test_id!r}: no test has this id")
     return {str(name): value for name, value in found.items()}
 
 
@@ -114,8 +114,8 @@ def need_open_attempt(
         raise StoreError(f"test {test_id} run {run}: is finished; nothing was changed")
     if attempt in voided_attempts(connection, test_id, run, segment):
         raise StoreError(
-            f"test {test_id} run {run}: attempt {attempt} at segment {segment} was given up, "
-            "expected a new attempt; nothing was changed"
+            f"test {test_id} run {run}: attempt {attempt} at segment {segment} was abandoned, "
+            f"expected a new attempt; nothing was changed"
         )
 
 

@@ -46,7 +46,7 @@ def plantable(name: str | None) -> Example:
     """
     known = planted_effects()
     if not name or name not in known:
-        given = f"{name!r} is none of them" if name else "none given"
+        given = f"{name!r} is not one of them" if name else "none given"
         raise InputError("hidden effect", "", f"{given}; expected one of {', '.join(known)}")
     return known[name]
 

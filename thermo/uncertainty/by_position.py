@@ -196,17 +196,17 @@ def by_position_sentence(found: ByPosition) -> str:
     told = told.replace("-", "−")
     which = ""
     if 0 < len(found.alone) <= SHOWN:
-        which = f" ({' or '.join(found.alone)} alone would account for it)"
+        which = f" ({' or '.join(found.alone)} alone would explain it)"
     if found.over_temperature:
         return (
-            "the residual changes with temperature otherwise at one position than at others: "
-            f"from cold to warm {told}{which}; {found.rms_ug:.3g} µg rms, {found.sigmas:.2g} "
-            "sigma: that is no noise; an axis that tilts with temperature, or another term of the "
-            "input that changes with it, is missing, and the sigmas do not allow for that"
+            "the residual changes with temperature differently at one position from others: from "
+            f"cold to warm {told}{which}; {found.rms_ug:.3g} µg rms, {found.sigmas:.2g} "
+            "sigma: this is not noise; an axis that tilts with temperature, or another input "
+            "term that changes with temperature, is missing, and the sigmas do not include it"
         )
     return (
         f"the residual follows the position: {told}{which}; {found.rms_ug:.3g} µg rms, "
-        f"{found.sigmas:.2g} sigma: that is no noise; a position is not what is recorded, the "
-        "output saturates or differs in gain between + and −, or a term of the input is missing, "
-        "and the sigmas of all coefficients do not allow for that"
+        f"{found.sigmas:.2g} sigma: this is not noise; a position differs from the recorded one, "
+        f"the output saturates or has different gains for + and −, or an input term is missing, "
+        f"and the sigmas of all coefficients do not include it"
     )

@@ -112,6 +112,6 @@ def not_shown_sentence(found: Sequence[NotShown]) -> str:
         return ""
     told = ", ".join(f"{one.words} (in {' and '.join(one.stands_in)})" for one in found)
     return (
-        "this test cannot show, or hardly, what would stand in coefficients, and no sigma allows "
-        f"for it: {told}"
+        "this test hardly shows effects that coefficients would absorb, and no sigma includes "
+        f"them: {told}"
     )

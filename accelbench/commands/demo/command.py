@@ -15,7 +15,7 @@ from accelbench.shell.outputs import json_option
     type=Path,
     default=Path("accelbench-demo"),
     show_default=True,
-    help="A numbered folder is made in it.",
+    help="Folder in which a numbered folder is created.",
 )
 @click.option(
     "--hidden",
@@ -27,14 +27,15 @@ from accelbench.shell.outputs import json_option
 @click.option(
     "--speed",
     type=click.FloatRange(min=0, min_open=True),
-    help="Multiple of real time; as fast as can be if not given.",
+    help="Multiple of real time; as fast as possible if not given.",
 )
 @click.option(
     "--seed",
     type=click.IntRange(min=0),
     default=1,
     show_default=True,
-    help="With --hidden: of the accelerometers, of who has it, and of all noise.",
+    help="With --hidden: seed of the accelerometers, of the choice of the affected one, and of "
+    "all noise.",
 )
 @library_option()
 @json_option

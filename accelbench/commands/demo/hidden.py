@@ -230,7 +230,9 @@ def _search(bench: _Bench, units: Units, sequence: TestSequence, tell: Tell) -> 
     experiments: list[Experiment] = []
     seen: dict[str, RecordedRuns] = {}
     for serial in units:
-        steps.next(f"what is missing from the model of {serial}, by the recorded file alone")
+        steps.next(
+            f"search for a missing effect in the model of {serial}, by the recorded file alone"
+        )
         mine = runs.select(serial=serial)
         d = _found(mine, tell)
         settled, own, seen[serial] = _settled(bench, units, d, mine, steps)
@@ -243,7 +245,7 @@ def _search(bench: _Bench, units: Units, sequence: TestSequence, tell: Tell) -> 
         experiments=tuple(experiments),
         verdicts=tuple(verdicts),
     )
-    steps.next("the next run, beside what the models say of it, and the report")
+    steps.next("the next run compared with the models, and the report")
     found = [d for d in verdicts if d.effects]
     if not found:
         return made
@@ -273,7 +275,7 @@ def _settled(
         if proposed is None or proposed.sequence is None:
             break
         steps.add(EXPERIMENT)
-        steps.next(f"{', '.join(d.alias_sets[0])} are not told apart: {proposed.text}")
+        steps.next(f"{', '.join(d.alias_sets[0])} cannot be separated: {proposed.text}")
         name = f"next-{d.serial}-{len(done) + 1}"
         write_files([(bench.folder / f"{name}.toml", proposed.toml().encode())])
         # a record's sidecar is NAME.toml as well: it has another name than its sequence

@@ -92,7 +92,7 @@ def hidden_report(
             title="",
             columns=("accelerometer", "present model, µg", "larger model, µg", "noise alone, µg"),
             rows=(row,),
-            note="Rms over readings of measured less emulated"
+            note="Rms over readings of measured minus emulated"
             + ("." if next_run.predictive else ", level and slope in time apart."),
         ),
         pictures=(draw_next_run(next_run),),
@@ -114,8 +114,8 @@ def next_run_lines(one: NextRun) -> tuple[str, ...]:
         return (text,)
     slope, level_ug = one.line(one.after_ug).tolist()
     return (
-        "The effect belonged to its moment: which level and which slope in time a new run has, no "
-        f"model of earlier ones tells (here {number(level_ug, 3)} µg and {number(slope, 2)} µg/h).",
+        "The effect does not repeat: a model of earlier runs cannot predict the level and the "
+        f"slope of a new run (here {number(level_ug, 3)} µg and {number(slope, 2)} µg/h).",
         f"These apart: {text[0].lower()}{text[1:]}",
     )
 
@@ -151,5 +151,5 @@ def draw_next_run(one: NextRun) -> Picture:
             y=f"measured less emulated{apart}, {unit}" if axes is panels[0] else "",
         )
     legend_below(figure, list(handles.values()), list(handles))
-    caption = f"{one.serial}: the next run less what the emulator gives with each model loaded."
+    caption = f"{one.serial}: the next run minus the output of the emulator with each model."
     return picture(figure, f"next_run_{file_part(one.serial)}.png", caption)

@@ -45,7 +45,7 @@ def hidden_text(one: HiddenDemo) -> Iterator[RenderableType]:
         return
     yield from discrepancy_text(one.verdicts)
     for e in one.experiments:
-        yield f"Carried out because it was open: {e.text}."
+        yield f"Follow-up experiment, because the answer was open: {e.text}."
     yield f"The key, opened now: {one.serial} was given {one.effect}: {one.size}."
     yield _judged(one)
     if one.next_run is not None:
@@ -62,12 +62,14 @@ def _judged(one: HiddenDemo) -> str:
     false = [d.serial for d in one.verdicts if d.serial != one.serial and d.verdict != "nothing"]
     said = [e.name for e in mine.effects]
     if any(one.effect in s for s in mine.alias_sets):
-        text = "It is in the set that these runs cannot tell apart"
+        text = "It is in the set that these runs cannot separate"
     elif said:
         text = f"Named wrongly: {', '.join(said)}"
     else:
         text = f"Not named: {mine.verdict}"
         least = smallest_nameable(mine).get(one.effect)
         if least is not None:
-            text += f"; these runs would name it from some {number(least.value, 2)} {least.unit} on"
+            text += (
+                f"; these runs would name it from about {number(least.value, 2)} {least.unit} on"
+            )
     return text + (f"; false verdicts: {', '.join(false)}." if false else ".")

@@ -119,8 +119,8 @@ def draw_gap(d: Discrepancy) -> Picture:
     axes.set_xticks(at, [plain(label) for label in labels], **turned)
     title = "runs held out, predicted from the others" if runs else "in the fit: a single run"
     if d.heldout and not d.heldout.predictive:
-        title = "runs held out: the effect belonged to its moment, and is not predicted"
+        title = "runs held out: the effect does not repeat and is not predicted"
     dress(axes, title=title, x="run", y=f"residual rms, {unit}")
     legend_below(figure, list(handles.values()), list(handles), enlarge=1)
-    caption = f"{d.serial}: residual of every run, against what noise leaves."
+    caption = f"{d.serial}: residual of every run, compared with noise alone."
     return picture(figure, f"gap_{file_part(d.serial)}.png", caption)

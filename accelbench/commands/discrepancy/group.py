@@ -27,7 +27,7 @@ class _Discrepancy(LazyGroup):
 
 @click.group(cls=_Discrepancy)
 def discrepancy() -> None:
-    """Find where runs and model disagree, and name the effect that is missing.
+    """Find where runs and model disagree, and name the missing effect.
 
     Every command takes --json: one JSON document on standard output and nothing else.
     """

@@ -106,4 +106,7 @@ def model_lines(found: Sequence[Discrepancy], out: Path) -> Iterator[str]:
         kept = set(larger_terms(d).terms or ())
         lost = [t.name for t in d.after.model.terms if t.name not in kept]
         if lost:
-            yield f"left out for {d.serial}, these runs do not give all of it: {', '.join(lost)}"
+            yield (
+                f"left out for {d.serial}, these runs cannot determine all of its parameters: "
+                f"{', '.join(lost)}"
+            )

@@ -16,9 +16,9 @@ from thermo.discrepancy.smallest import smallest_nameable
 from thermo.recording.files import RecordedRuns
 
 CONVENTIONS = (
-    "In each simulated run the noise is estimated anew.",
-    "Held out: each run is predicted from the others, the choice of effect repeated without it.",
-    "Noise alone is what a run that was not fitted would leave if nothing were missing.",
+    "The noise is estimated separately in each simulated run.",
+    "Held out: each run is predicted from the others; the effect is selected again without it.",
+    "Noise alone: the residual of a held-out run if no effect were missing.",
 )
 
 

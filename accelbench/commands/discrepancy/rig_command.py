@@ -20,7 +20,7 @@ from accelbench.shell.outputs import force_option, json_option
 @library_option("--effects")
 @json_option
 def discrepancy_rig(**given: Any) -> None:
-    """Find where a rig run and the filter's model disagree, and name the effect that is missing.
+    """Find where a rig run and the filter's model disagree, and name the missing effect.
 
     Several files hold cycles that follow one another. Without --model the present model has biases,
     scale errors and misalignments. In Python: accelbench.rig.discrepancy.

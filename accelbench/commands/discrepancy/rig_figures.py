@@ -67,10 +67,10 @@ def draw_innovations_by_factor(d: RigDiscrepancy) -> Picture:
     limit = 1.1 * float(np.quantile(np.abs(np.concatenate(shown)), 0.999))
     panels[0].set_ylim(-limit, limit)
     legend_below(figure, list(handles.values()), list(handles), enlarge=1)
-    models = "the present model and with the effects found" if d.effects else "the present model"
+    models = "the present model and with the named effects" if d.effects else "the present model"
     caption = (
-        f"Innovations of {channel} over the {label.partition(',')[0]}, with {models}; what is "
-        "drawn thick are means of cells."
+        f"Innovations of {channel} over the {label.partition(',')[0]}, with {models}; thick "
+        f"lines are means of cells."
     )
     return picture(figure, "innovations.png", caption)
 
@@ -108,7 +108,7 @@ def draw_cycles(d: RigDiscrepancy) -> Picture:
         names, what, unit, size = (ALONG,), "rig's angle", "″", ARCSEC
     panels = [
         (d.gaps, "in the filter"),
-        (d.held_out_parts, "held out: chosen and sized by the others"),
+        (d.held_out_parts, "held out: selected and estimated by the other cycles"),
     ]
     panels = [(gaps, title) for gaps, title in panels if gaps]
     figure = new_figure(4.6 * len(panels) + 1.0, 3.6)
@@ -131,8 +131,8 @@ def draw_cycles(d: RigDiscrepancy) -> Picture:
     labels = ["present model", *(["with the effect"] if d.effects else []), "noise alone"]
     legend_below(figure, handles, labels, enlarge=1)
     caption = (
-        "Innovations of every cycle against what noise alone leaves: by the filter of either "
-        "model, and with choice and sizes from the other cycles (what only this cycle shows is "
-        "left out of both)."
+        "Innovations of every cycle compared with noise alone: with the filter of each model, "
+        "and with selection and sizes from the other cycles (combinations that only this cycle "
+        "determines are left out of both)."
     )
     return picture(figure, "cycles.png", caption)

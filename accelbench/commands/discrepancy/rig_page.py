@@ -13,14 +13,15 @@ from sinscal.library import rig_library
 from sinscal.recording.run import RigRun
 
 CONVENTIONS = (
-    "Innovations are what the filter's measurements differ by from its forecast. Over their sigmas "
-    "they are white when nothing is missing; what an effect would leave in them is had by sending "
-    "it through the filter's gains, and the effect named has joined a filter run anew.",
-    "The rows rig_axis_1 and rig_axis_2 are across the rig's axis: their noise is a bound, and the "
-    "second to fourth harmonics of the rotation in them are the bearing's.",
-    "Held out: effects are chosen anew without the cycle, and their sizes taken from the other "
-    "cycles; a size that they do not show stays zero. Noise alone is what the noise measured "
-    "would leave.",
+    "An innovation is the difference between a measurement and its prediction by the filter. "
+    "Divided by their sigmas, innovations are white if no effect is missing. The signature of an "
+    "effect is computed by passing it through the filter's gains. A named effect is added to the "
+    "filter, and the filter is run again.",
+    "The rows rig_axis_1 and rig_axis_2 are across the rig's axis: their sigma is a bound, and "
+    "the second to fourth harmonics of the rotation in them are due to the bearing.",
+    "Held out: effects are selected again without the cycle, and their sizes are taken from the "
+    "other cycles; a size that the other cycles do not determine stays zero. Noise alone is the "
+    "residual expected from the measured noise.",
 )
 
 

@@ -23,7 +23,7 @@ from sinscal.model.larger_model import BiasStep, FoundValue, RigModelFile
 def where_words(d: RigDiscrepancy) -> str:
     """Say in words which factor carries the excess."""
     if d.where is None:
-        return "The innovations are what noise alone makes."
+        return "The innovations are consistent with noise alone."
     if d.effects:
         name = max(d.effects, key=lambda e: e.strength_d).effect.name
         return f"Most of the excess is in {d.channel}; {name} goes with the {d.where}."
@@ -98,7 +98,7 @@ def rig_lines(d: RigDiscrepancy) -> Iterator[str]:
     yield from rival_lines(d)
     if d.drift:
         told = d.drift.sentence
-        yield f"{told[0].upper()}{told[1:]}: they walk, or warmth that is not recorded moves them."
+        yield f"{told[0].upper()}{told[1:]}: a random walk, or an unrecorded change of temperature."
     before, after, floor = (rms_of_forces(v) for v in (d.rms_before, d.rms_after, d.floor))
     yield (
         f"Innovations of the forces {number(before, 3)} m/s² rms with the present model, "

@@ -14,9 +14,9 @@ from thermo.discrepancy.words import EffectFound
 
 VERDICT_WORDS = {
     "named": "named",
-    "alias": "found, but these data cannot tell which of several it is",
-    "unexplained_repeatable": "something repeats that the library does not hold",
-    "unexplained_noise": "more than the noise, and it does not repeat",
+    "alias": "an effect is present, but these data cannot decide which of several",
+    "unexplained_repeatable": "the residual repeats, but no effect of the library explains it",
+    "unexplained_noise": "the residual is more than noise and does not repeat",
     "nothing": "nothing is missing",
 }
 
@@ -144,15 +144,18 @@ def shared_lines(found: Sequence[Discrepancy]) -> Iterator[str]:
     for s in all_shared(found):
         told = ", ".join(s.serials)
         if s.owner == "run":
-            yield f"{s.effect} came to {told} in the same runs: look at the run, not at each."
+            yield (
+                f"{s.effect} came to {told} in the same runs: look for a cause in the run, not "
+                f"in one accelerometer."
+            )
         else:
-            yield f"{s.effect} is alike in {told}, as an error of the {s.owner} would be."
+            yield f"{s.effect} has the same size in {told}, like an error of the {s.owner}."
 
 
 def rival_lines(d: Conclusion[Any, Any]) -> Iterator[str]:
     """Say what else it could have been, and what not."""
     for s in d.alias_sets:
-        yield f"These data cannot tell apart: {', '.join(s)}."
+        yield f"These data cannot separate: {', '.join(s)}."
     unexplained = d.verdict.startswith("unexplained")
     for slot in d.result.slots if not unexplained else ():
         excluded = [f"{n} (by {number(b, 3)})" for n, b in slot.rivals if n not in slot.alias][:3]
@@ -167,7 +170,7 @@ def rival_lines(d: Conclusion[Any, Any]) -> Iterator[str]:
 def verdict_lines(d: Discrepancy) -> Iterator[str]:
     """Say what was found, in sentences."""
     if d.source.seen.runs == 1:
-        yield "One run does not tell what repeats: what is slow in it may be noise or an effect."
+        yield "One run does not show what repeats: a slow change may be noise or an effect."
     if d.fit_first:
         yield (
             "The present model lacks several terms of its own equation at once; fit these first: "
@@ -186,8 +189,8 @@ def verdict_lines(d: Discrepancy) -> Iterator[str]:
     )
     if d.heldout and not d.heldout.predictive:
         yield (
-            "The effect belonged to its moment: a run held out does not follow from the others, "
-            "and the gap there says nothing against the name."
+            "The effect does not repeat: a held-out run cannot be predicted from the others, and "
+            "its residual does not contradict the name."
         )
     if d.invisible:
         yield f"These runs cannot show at all: {', '.join(d.invisible)}."

@@ -18,21 +18,21 @@ from accelbench.shell.outputs import force_option, json_option
 )
 @click.option("--out", type=Path, help="MODEL.toml, the larger model; MODEL.json beside it.")
 @REPORT
-@click.option("--experiment-out", type=Path, help="SEQUENCE.toml of the experiment proposed.")
+@click.option("--experiment-out", type=Path, help="SEQUENCE.toml of the proposed experiment.")
 @SEED
 @click.option(
     "--workers",
     type=click.IntRange(min=1),
     default=1,
     show_default=True,
-    help="Threads that simulate them; the verdict is the same.",
+    help="Number of threads for them; it does not change the verdict.",
 )
 @trust_option
 @force_option
 @library_option("--effects")
 @json_option
 def discrepancy_thermal(**given: Any) -> int:
-    """Find where runs and model disagree, and name the effect that is missing.
+    """Find where runs and model disagree, and name the missing effect.
 
     Without --model the present model is the equation that fit would choose, with --model bare k0
     and k1, each quadratic in temperature. In Python: accelbench.discrepancy.

@@ -15,7 +15,7 @@ from thermo.fitting.fit import TermsFile, read_terms
 from thermo.recording.files import RecordedRuns
 
 BARE = Path("bare")  # no file: k0 and k1, each quadratic in temperature
-NO_EXPERIMENT = "nothing is open that an experiment would settle: none written"
+NO_EXPERIMENT = "no experiment is needed: none written"
 
 
 def discrepancy_thermal(

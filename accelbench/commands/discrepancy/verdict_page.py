@@ -11,11 +11,11 @@ from accelbench.shell.plotting import Picture
 from errormodel.discrepancy.investigation import Conclusion
 
 CONVENTIONS = (
-    "Strength is the whitened size of an effect beside everything else in the model: how many of "
-    "its own sigmas it has. From seven on it can be named.",
-    "p is the probability that noise alone gives as much to any effect of the library; its "
-    "distribution comes from simulated runs.",
-    "Effects within nine of the best in twice the log-likelihood cannot be told apart.",
+    "Strength is the whitened size of an effect beside everything else in the model, in units of "
+    "its own sigma. An effect of strength seven or more can be named.",
+    "p is the probability that noise alone gives an equally significant effect of the library; "
+    "its distribution comes from simulated runs.",
+    "Effects within nine of the best in twice the log-likelihood cannot be separated.",
 )
 
 
@@ -88,7 +88,7 @@ def rival_rows(
         if name in named:
             verdict = "named"
         elif name in alias:
-            verdict = "cannot be told from the one named"
+            verdict = "cannot be separated from the named one"
         elif held(effect):
             verdict = "in the present model"
         elif name in d.invisible:

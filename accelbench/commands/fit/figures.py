@@ -135,8 +135,9 @@ def draw_errors(one: AccelerometerFit, name: str) -> Picture:
     return picture(
         figure,
         name,
-        f"{one.serial}: error of the output over temperature, left with a constant bias and scale "
-        f"factor only{branches}, right with the model. The two scales differ; lines are means "
+        f"{one.serial}: error of the output over temperature, left with a constant bias and "
+        f"scale factor only{branches}, right with the model. The two scales differ; lines are "
+        f"means "
         f"over {CELL_C:g} °C.",
     )
 
@@ -207,7 +208,7 @@ def draw_residuals(one: AccelerometerFit, name: str) -> Picture:
         _draw_by_position(panels[3], one)
     else:
         _draw_distribution(panels[3], one)
-    figure.suptitle(plain(f"{one.serial}: what the model leaves"), fontsize=11)
+    figure.suptitle(plain(f"{one.serial}: residual with the model"), fontsize=11)
     legend_below(figure, list(handles.values()), list(handles))
     last = "by position of the head" if positioned else "as a distribution"
     return picture(

@@ -112,10 +112,10 @@ def compensate(file: Path, calibration: Path, out: Path, force: bool, as_json: b
     checked_run_output(out, [*with_sidecars([file]), calibration], force=force)
     result = read_calibration(calibration)
     if not result.converged:
-        raise InputError(calibration, "converged", "false: these values are not to be used")
+        raise InputError(calibration, "converged", "false: do not use these values")
     run = read_rig_run(file, physics=False)
     if (before := compensated_with(file)) is not None:
-        raise InputError(file, "", f"is compensated already, with {before}")
+        raise InputError(file, "", f"is already compensated, with {before}")
     done = _compensated(run, result)
     write_rig_run(done, out, compensated_with=result.result_id)
     flagged = int((~(done.flag == 0)).sum()) if done.flag is not None else 0

@@ -58,7 +58,7 @@ def draw_programme(programme: Programme) -> Picture:
         "Rates of the body's axes (with the earth's rotation), angle of the platform, and the "
         f"specific force in the body's axes in the first {CLOSE_S:g} s of each cycle."
     )
-    caption += f" {left} further cycles are not shown closely." if left > 0 else ""
+    caption += f" {left} further cycles are not shown in detail." if left > 0 else ""
     return picture(figure, "programme.png", caption)
 
 

@@ -30,9 +30,9 @@ CONVENTIONS = (
     "fixes the body's axes, Θ is full.",
     "Sigmas are standard deviations (1 σ); a density of noise is the sigma of a mean over "
     "one second.",
-    "The covariance is that of the calibration's own filter on the programme's exact motion; no "
-    "measurement enters it. Faults of the rig that the filter does not estimate are not in it.",
-    "A share of the budget is what one source alone contributes to the variance; they add up.",
+    "The covariance is that of the calibration filter on the exact motion of the programme; it "
+    "uses no measurement. It does not include faults of the rig that the filter does not estimate.",
+    "A share of the budget is the contribution of one source to the variance; the shares add up.",
 )
 
 

@@ -116,8 +116,8 @@ def triad_sentences(done: RestCalibration) -> Iterator[str]:
     yield f"|f| − g: {number(before)} mm/s² rms before, {number(after)} mm/s² after"
     p = stats.chi2.sf(fit.chi2, fit.dof) if fit.dof else 1.0
     said = (
-        f"scatter from position to position of {number(1e3 * fit.pose_m_s2, 3)} mm/s² is in the "
-        "sigmas"
+        f"scatter from position to position of {number(1e3 * fit.pose_m_s2, 3)} mm/s² is "
+        f"included in the sigmas"
         if fit.pose_m_s2 > 0
         else "the noise of the rows explains it"
     )
@@ -128,14 +128,14 @@ def triad_sentences(done: RestCalibration) -> Iterator[str]:
         yield (
             f"the readings go in steps of {number(float(done.intervals.digit[:3].max()), 3)} "
             f"{done.rests.unit}, coarser than their noise: a position's mean is known to "
-            f"{number(float(coarse.max()), 2)} {done.rests.unit}, which is in the sigmas"
+            f"{number(float(coarse.max()), 2)} {done.rests.unit}, which is included in the sigmas"
         )
     if done.left_out.size:
         shown = ", ".join(str(row + 1) for row in done.left_out[:SHOWN].tolist())
         more = f" and {done.left_out.size - SHOWN} more" if done.left_out.size > SHOWN else ""
         yield (
-            f"{done.left_out.size} readings left out, which leave their neighbours and come back: "
-            f"row {shown}{more}"
+            f"{done.left_out.size} readings left out, which deviate from their neighbours and "
+            f"return: row {shown}{more}"
         )
     for one in fit.left_out:
         yield (

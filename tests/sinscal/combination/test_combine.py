@@ -110,7 +110,7 @@ def test_a_change_since_the_chamber_contradicts_unless_it_was_allowed_for() -> N
     changed = {"k0": 50e-6, "k1": 30e-6}
     twin = make_combined_twin(5, hz=HZ, turn_on=changed)
     _, untold = combine_and_compare(twin.run, twin.chambers)
-    assert "no exchange of serial numbers and no thermistor offset" in untold.contradictions[0]
+    assert "neither exchanged serial numbers nor a thermistor offset" in untold.contradictions[0]
     told = combine(twin.run, twin.chambers, turn_on=changed)
     assert told.test.contradictions == ()
     assert_consistent([(twin, told)])

@@ -84,7 +84,7 @@ def test_without_repair_one_wild_reading_spoils_the_calibration(twin: Twin, tmp_
     ("columns", "value", "words"),
     [
         (SENSORS, 0.0, "zeros in all of a triad's cells; so are 1.2% of the cycle's rows"),
-        (["gyro_x"], 5.0, "a reading that stands alone; so are 1.2% of the cycle's rows"),
+        (["gyro_x"], 5.0, "an isolated reading; so are 1.2% of the cycle's rows"),
     ],
 )
 def test_a_run_with_many_of_them_is_refused(

@@ -85,7 +85,7 @@ def test_the_same_reading_in_two_files_is_refused(tmp_path):
     first = put(tmp_path, HEADER + LINES)
     again = put(tmp_path, HEADER + "1,A,10,20,0,1\n", "again.csv")
     with pytest.raises(
-        InputError, match=r"again\.csv: run '1' serial 'A' time_s 10\.0 is in another"
+        InputError, match=r"again\.csv: run '1' serial 'A' time_s 10\.0 is also in another"
     ):
         read_runs([first, again])
     with pytest.raises(InputError, match="another file"):

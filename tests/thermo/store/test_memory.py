@@ -54,11 +54,19 @@ def peak_of_fit(path: Path, terms: TermsFile | None) -> tuple[int, int]:
 
 
 @pytest.mark.parametrize(
-    "terms", [TERMS, pytest.param(None, marks=pytest.mark.slow)], ids=["given", "chosen"]
+    ("terms", "few"),
+    [
+        (TERMS, 20_000),
+        pytest.param(TERMS, 60_000, marks=pytest.mark.slow),
+        pytest.param(None, 60_000, marks=pytest.mark.slow),
+    ],
+    ids=["given", "given, long", "chosen"],
 )
-def test_reading_and_fitting_take_less_than_thirty_numbers_a_reading(tmp_path, monkeypatch, terms):
+def test_reading_and_fitting_take_less_than_thirty_numbers_a_reading(
+    tmp_path, monkeypatch, terms, few
+):
     monkeypatch.setattr(columns, "KEPT", 0)  # as a long recording is fitted
-    few, many = 60_000, 120_000
+    many = 2 * few
     fit_runs(read_runs([recording(tmp_path / "2.csv", 2000)]), terms=terms)  # imports, compilers
     held, peak = peak_of_fit(recording(tmp_path / "many.csv", many), terms)
     less = peak_of_fit(recording(tmp_path / "few.csv", few), terms)[1]

@@ -107,9 +107,9 @@ def test_what_has_not_begun_or_is_over_takes_no_readings(store_url):
         test_id = begun(store, 1)
         with pytest.raises(StoreError, match="run 2: has not begun"):
             store.append(test_id, 2, scan(0))
-        with pytest.raises(StoreError, match="none of this id"):
+        with pytest.raises(StoreError, match="no test has this id"):
             store.begin_run("20260101T000000-0000", 1, START)
-        with pytest.raises(StoreError, match="none of this id"):
+        with pytest.raises(StoreError, match="no test has this id"):
             store.test("x")
         with pytest.raises(StoreError, match="expected one of running"):
             store.finish_run(test_id, 1, "done")

@@ -15,7 +15,9 @@ from thermo.recording.files import make_runs
 # ---- one scale ----
 
 
-@pytest.mark.parametrize("share", [0.55, 0.9, 1.9])
+@pytest.mark.parametrize(
+    "share", [0.55, *(pytest.param(s, marks=pytest.mark.slow) for s in (0.9, 1.9))]
+)
 def test_every_figure_is_over_the_k1_found_whatever_the_nominal_scale(share: float) -> None:
     right, off = Setup(runs=2), Setup(runs=2, nominal=1.3 * share)
     one, other = fitted(right), fitted(off)
@@ -44,7 +46,7 @@ def test_every_figure_is_over_the_k1_found_whatever_the_nominal_scale(share: flo
     [({"offset_ug": 30.0}, "µg in K0"), ({"scale_ppm": 30.0}, "ppm in K1"),
      ({"thermistor_c": 0.1}, "°C in the thermistor")],
 )  # fmt: skip
-@pytest.mark.parametrize("runs", [2, 4, pytest.param(8, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("runs", [4, *(pytest.param(n, marks=pytest.mark.slow) for n in (2, 8))])
 def test_runs_that_differ_are_told_and_carried(runs: int, differs, unit: str) -> None:
     setup = Setup(runs=runs, **differs)
     one = fitted(setup, seed=4)
@@ -56,17 +58,18 @@ def test_runs_that_differ_are_told_and_carried(runs: int, differs, unit: str) ->
 
 def test_a_single_run_says_that_it_knows_nothing_of_others() -> None:
     one = fitted(Setup(runs=1))
-    assert "nothing is known of what differs from run to run" in said(one)
+    assert "the differences between runs are not known" in said(one)
     assert make_model_file([one]).accelerometers[0].run_to_run is None
     assert worst(one, Setup()) < 5.0
 
 
+@pytest.mark.slow  # of four runs below
 def test_an_odd_run_is_named() -> None:
     assert "run R2 lies apart from the others" in said(fitted(Setup(runs=8, odd_run_ug=100.0)))
     assert "lies apart" not in said(fitted(Setup(runs=8)))
 
 
-@pytest.mark.parametrize("seed", [3, 4, 5])
+@pytest.mark.parametrize("seed", [3, *(pytest.param(s, marks=pytest.mark.slow) for s in (4, 5))])
 def test_an_odd_run_of_four_is_named(seed: int) -> None:
     odd = fitted(Setup(odd_run_ug=100.0), seed).doubts.odd_run
     assert odd is not None
@@ -144,7 +147,9 @@ def test_within_the_range_only_orders_left_out_are_counted() -> None:
     assert orders == [("k0", 3), ("k1", 3), ("k0", 4), ("k1", 4)]  # what the choice left out
     (given,) = fit_runs(campaign(Setup(), 1), terms=TermsFile(terms=tuple(TRUE)))
     assert given.doubts.unseen == ()
-    assert list(doubt_sentences(one)) == ["these runs cannot give: delta_p, k_io, each taken as 0"]
+    assert list(doubt_sentences(one)) == [
+        "these runs cannot determine: delta_p, k_io, each taken as 0"
+    ]
 
 
 def test_what_cannot_be_given_is_named_with_what_holds_it() -> None:
@@ -171,10 +176,10 @@ def test_three_soaks_carry_the_third_order_that_they_cannot_show() -> None:
 def test_runs_none_of_which_can_be_held_out_say_why() -> None:
     one = fitted(Setup(runs=3, soaks_c=(-40.0, 25.0, 70.0)))
     assert one.heldout is None
-    assert "no run can be held out: without it the others cannot give every" in said(one)
+    assert "no run can be held out: the other runs alone do not determine every" in said(one)
 
 
-@pytest.mark.parametrize("noise_c", [0.1, 0.3])
+@pytest.mark.parametrize("noise_c", [0.1, pytest.param(0.3, marks=pytest.mark.slow)])
 def test_a_noisy_thermistor_in_a_narrow_range_is_in_the_sigmas(noise_c: float) -> None:
     setup = Setup(corners_c=(22.0, 27.0, 22.0, 27.0), rates=(0.1,), thermistor_noise_c=noise_c)
     assert worst(fitted(setup), setup) < 5.0
@@ -187,11 +192,19 @@ def test_a_noisy_thermistor_in_a_narrow_range_is_in_the_sigmas(noise_c: float) -
     ("setup", "words"),
     [
         (Setup(lag_s=120.0), "slope over temperature (a lag of 11"),
-        (Setup(lag_s=120.0), "that is no drift"),
+        (Setup(lag_s=120.0), "this is not drift"),
         (Setup(loop_ug=20.0), "thermal-history effect"),
-        (Setup(line_ug_h=10.0), "drifts for longer than a run lasts"),
-        (Setup(truth={**TRUE, "k0_t5": 4e-7}), "to the power 5"),
-        (Setup(lag_s=120.0, corners_c=HEATING), "the sigmas do not allow for it: here a thermal"),
+        pytest.param(
+            Setup(line_ug_h=10.0), "bias drift is longer than a run", marks=pytest.mark.slow
+        ),
+        pytest.param(
+            Setup(truth={**TRUE, "k0_t5": 4e-7}), "to the power 5", marks=pytest.mark.slow
+        ),
+        pytest.param(
+            Setup(lag_s=120.0, corners_c=HEATING),
+            "the sigmas do not include them: here a thermal",
+            marks=pytest.mark.slow,
+        ),
         (Setup(lsb_ug=50.0, white_ug=1.0), "the output goes in steps of 50 µg"),
         (Setup(corners_c=(24.0, 26.0, 24.0, 26.0), rates=(0.05,), thermistor_noise_c=0.1),
          "the thermistor's noise of 0.09"),
@@ -213,7 +226,11 @@ def test_a_term_that_was_not_given_is_missed(lacks: str) -> None:
 def test_two_runs_that_agree_may_do_so_by_chance_and_it_is_said() -> None:
     one = fitted(Setup(runs=2, offset_ug=30.0), seed=2)  # 30 µg of offset, alike in both
     assert worst(one, Setup()) < 5.0  # the sigma carries what so few do not show
-    assert "the 2 runs do not differ beyond noise and drift, as so few may by chance" in said(one)
+    sentence = (
+        "the 2 runs do not differ by more than noise and drift, which may be by chance with so few "
+        "runs"
+    )
+    assert sentence in said(one)
 
 
 def test_a_sound_fit_says_nothing_of_the_kind() -> None:
@@ -232,7 +249,7 @@ def test_positions_that_are_not_what_is_recorded_are_told() -> None:
     )
     runs = make_runs(frame, output_unit="mA", gravity_m_s2=9.80665, nominal_scale=1.3)
     (one,) = fit_runs(runs)
-    assert "positions that are not what is recorded, a head still moving" in said(one)
+    assert "check for wrong positions, a head that moves during the readings" in said(one)
 
 
 def test_what_repeats_and_was_not_stated_is_told() -> None:

@@ -34,7 +34,7 @@ def off(one: AccelerometerFit, name: str) -> tuple[float, float]:
 def test_heating_alone_says_what_it_costs_and_the_size_is_right(fault, words) -> None:
     setup = Setup(corners_c=HEATING, runs=4, drift_ug=0.0, **fault)
     one = fitted(setup, GIVEN)
-    assert "the sigmas do not allow for it: here" in "\n".join(fit_sentences(one))
+    assert "the sigmas do not include them: here" in "\n".join(fit_sentences(one))
     ((k0_ug, k1_ppm),) = [(k0, k1) for told, k0, k1 in one.doubts.one_way if told == words]
     found, sigma = off(one, "k0")
     # the lag is taken to first order: 120 s of 1.6 °C/min are 3 °C, 5 % of its length of scale
@@ -68,7 +68,7 @@ def test_a_short_lag_of_either_side_is_told_with_its_size(lag_s: float) -> None:
     found = float(text.partition("(a lag of ")[2].partition(" s)")[0].replace("−", "-"))
     # a filter's steps of 10 s shorten the lag by half a step
     assert found == pytest.approx(lag_s, abs=6.0)
-    assert "that is no drift" in text
+    assert "this is not drift" in text
 
 
 @pytest.mark.parametrize(

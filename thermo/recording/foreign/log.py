@@ -153,7 +153,7 @@ def chosen_rows(log: Log, rows: RowSelection) -> Log:
     if rows.only is not None:
         keep &= matching(log, rows.only)
     if not keep.any():
-        raise InputError(log.path, "", "no row is left by the mapping's [rows]")
+        raise InputError(log.path, "", "the mapping's [rows] selects no row")
     return log.take(keep)
 
 

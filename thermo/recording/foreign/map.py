@@ -254,12 +254,12 @@ class LogMap(MappingTable):
         for name in self.signals:
             if name not in known:
                 raise ValueError(
-                    f"signals: no signal {name!r}; expected some of {', '.join(known) or 'none'}; "
-                    "one of your own needs --library FILE"
+                    f"signals: no signal {name!r}; expected some of "
+                    f"{', '.join(known) or 'none'}; a definition of your own needs --library FILE"
                 )
         keys = [(a.serial, a.only) for a in self.accelerometers]
         if len(set(keys)) != len(keys):
-            raise ValueError("accelerometers: a serial stands twice")
+            raise ValueError("accelerometers: a serial is listed twice")
         for a in self.accelerometers:
             kind = UNITS[a.unit or self.output.output_unit][0]
             if kind != UNITS[self.output.output_unit][0] and {kind, self.output.output_unit} != {

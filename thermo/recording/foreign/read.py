@@ -56,7 +56,7 @@ def import_log(file: Path | str, map_file: Path | str) -> RecordedRuns:
     parts = [_readings(rows, runs, time_s, a, mapping) for a in mapping.accelerometers]
     parts = [part for part in parts if len(part.rows)]
     if not parts:
-        raise InputError(file, "", "no row belongs to any accelerometer of the mapping")
+        raise InputError(file, "", "no row matches an accelerometer of the mapping")
     return _record(rows, runs, time_s, parts, mapping, starts)
 
 
@@ -92,7 +92,7 @@ def _raw_times(rows: Log, mapping: LogMap) -> _Times:
         whole = len(cell) < 30 and cell.lstrip("+-").isdecimal() and cell.isascii()
         values.append(int(cell) if whole else number if np.isfinite(number) else None)
     if mapping.time.wrap_bits is not None:
-        values = _continued(rows, values, 2**mapping.time.wrap_bits, "the counter began anew")
+        values = _continued(rows, values, 2**mapping.time.wrap_bits, "the counter overflowed")
     return _Times(values, mapping.time.unit_s)
 
 
@@ -138,7 +138,7 @@ def _dates(rows: Log, cells: list[str], column: TimeColumn) -> _Times:
             values.append(None)
     if column.without_day:
         day = timedelta(days=1) // step
-        values = _continued(rows, values, day, "the time of day ran over midnight")
+        values = _continued(rows, values, day, "the time of day passed midnight")
     elif zones == {False}:
         _tell_change_of_clocks(rows, values)
     return _Times(values, 1e-6, zones == {True} and not column.without_day)

@@ -118,7 +118,7 @@ def test_what_belonged_to_its_moment_is_compared_without_level_and_slope() -> No
     assert beside[False].gap_after_ug == pytest.approx(5.0, abs=3 * 0.16)
     assert beside[False].gap_before_ug == pytest.approx(beside[False].gap_after_ug)
     event, line = next_run_lines(beside[False])
-    assert "no model of earlier ones tells" in event
+    assert "a model of earlier runs cannot predict" in event
     assert line.startswith("These apart: in the next run")
     assert len(next_run_lines(beside[True])) == 1
 

@@ -104,6 +104,7 @@ EFFECTS = [
 """
 
 
+@pytest.mark.slow  # tests/test_effect_in_one_file.py names one by default
 def test_an_effect_of_one_s_own_is_named(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -70,7 +70,7 @@ def test_times_of_day_count_on_over_midnight(tmp_path, caplog):
             changed(('unit = "s"', 'format = "%H:%M:%S"')),
         )  # fmt: skip
     np.testing.assert_array_equal(record.time_s, [0.0, 1.0, 2.0, 4.0])
-    assert "the time of day ran over midnight 1 times (line 4 …)" in caplog.text
+    assert "the time of day passed midnight 1 times (line 4 …)" in caplog.text
     assert record.run_start_utc == {}
 
 

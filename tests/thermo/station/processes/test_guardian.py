@@ -36,7 +36,7 @@ def test_a_stopped_guardian_is_ended_and_replaced(bench, sitting, tmp_path, monk
     monkeypatch.setattr(guardian_process, "ANSWER_S", 0.5)
     events: list[str] = []
     until(lambda: events.extend(sitting.beat()) or events)
-    assert "answers no beat" in events[0]
+    assert "does not answer the heartbeat" in events[0]
     assert process_state(first)[0] == "gone"
     assert guardian_pid(bench) != first
     sitting.permit()
@@ -65,7 +65,7 @@ def test_a_killed_guardian_is_replaced_within_one_look(bench, sitting, tmp_path)
     os.kill(first, signal.SIGKILL)
     until(lambda: process_state(first)[0] == "gone")
     (event,) = sitting.beat()
-    assert f"process {first}, is gone" in event
+    assert f"process {first}, has ended" in event
     assert sitting.beat() == ()
     second = guardian_pid(bench)
     assert second != first
@@ -78,7 +78,7 @@ def test_a_killed_guardian_is_replaced_within_one_look(bench, sitting, tmp_path)
 
 
 def test_without_a_guardian_nothing_may_be_written(sitting):
-    with pytest.raises(FencedError, match="no guardian stands by"):
+    with pytest.raises(FencedError, match="there is no guardian"):
         sitting.permit()
 
 

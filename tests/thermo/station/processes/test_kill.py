@@ -184,7 +184,7 @@ def test_a_guardian_that_cannot_reach_the_chamber_says_so_and_goes_on_trying(tmp
         record = wait_for_record(tmp_path / "g.json", "trying")
         assert record.needs_help
         assert record.alive
-        assert "goes on trying" in record.text
+        assert "keeps trying" in record.text
         assert "attempt" in record.text
     finally:
         os.kill(guardian.pid, signal.SIGKILL)

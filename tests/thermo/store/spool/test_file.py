@@ -86,7 +86,7 @@ def test_a_spool_is_not_taken_into_a_copy_of_its_store_but_into_the_moved_file(
         left(store, folder, test_id, [0, 1])
     with open_existing_store(copy) as store:
         assert store.readings(test_id).empty
-    assert f"wait for the store {file}; not taken into this one" in caplog.text
+    assert f"wait for the store {file}; not stored in this one" in caplog.text
     file.rename(tmp_path / "moved.sqlite")
     with open_existing_store(tmp_path / "moved.sqlite") as store:
         assert slots(store, test_id) == [0, 1]

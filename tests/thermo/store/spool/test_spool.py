@@ -120,7 +120,7 @@ def test_reading_back_is_refused_in_time_while_the_store_is_away(file, folder, m
         test_id = begun(store)
         with locked(file):
             store.append(test_id, 1, scan(0))
-            with pytest.raises(StoreAwayError, match="waits in a spool"):
+            with pytest.raises(StoreAwayError, match="wait in a spool"):
                 store.readings(test_id)
         assert store.settle(GENEROUS_S) == ""
         assert slots(store, test_id) == [0]
