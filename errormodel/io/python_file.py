@@ -72,6 +72,17 @@ def run_python_file(path: Path | str) -> PythonFile:
         content = path.read_bytes()
     except OSError as err:
         raise InputError(path, "", err.strerror or str(err)) from None
+    return run_python_text(path, content)
+
+
+def run_python_text(path: Path, content: bytes) -> PythonFile:
+    """Run the text of a file of Python, written already or not.
+
+    Raises
+    ------
+    InputError
+        If it fails.
+    """
     spec = importlib.util.spec_from_file_location("accelbench_user_library", path)
     if spec is None or spec.loader is None:
         raise InputError(path, "", "expected a file of Python, NAME.py")

@@ -5,6 +5,7 @@ the recorded inputs and compared with the outputs; what is left is located, a li
 effects is tried, the effect found is added and judged on runs that were held out.
 """
 
+import itertools
 from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
@@ -28,6 +29,7 @@ from thermo.discrepancy.shared import SearchedChannel, SharedEffect, shared_effe
 from thermo.discrepancy.source import Fitted, ThermalSource
 from thermo.discrepancy.words import EffectFound, effects_found, where_text
 from thermo.fitting.fit import TermsFile
+from thermo.library import thermal_library
 from thermo.library.effects import ThermalEffect
 from thermo.recording.channel import Channel, channel_of, refuse_without_signals
 from thermo.recording.files import RecordedRuns
@@ -149,7 +151,7 @@ def find_discrepancy(
         check_channel(channel, runs.source)
     channels = [in_own_scale(channel) for channel in channels]
     sources = [ThermalSource(c, mounted(_baseline(model, c), c), effects) for c in channels]
-    names = [f"{SHAPE_NAME}_{k + 1}" if with_shape else None for k in range(len(sources))]
+    names = _shape_names(len(sources)) if with_shape else [None] * len(sources)
     runs_of = [ChamberRuns(s, name) for s, name in zip(sources, names, strict=True)]
     found = investigate(runs_of, settings)
     shared = shared_effects(
@@ -161,6 +163,13 @@ def find_discrepancy(
         with shape.in_library() if shape else nullcontext():
             made.append(_discrepancy(m.source, c, shared, t_ref_c, shape))
     return tuple(made)
+
+
+def _shape_names(count: int) -> list[str]:
+    """Return names for effects without one: numbered on from those that a library has."""
+    taken = thermal_library().terms
+    free = (name for k in itertools.count(1) if (name := f"{SHAPE_NAME}_{k}") not in taken)
+    return list(itertools.islice(free, count))
 
 
 def _baseline(model: TermsFile | Literal["bare"] | None, channel: Channel) -> ErrorModel:
