@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from accelbench.result import Result, named_rows, no_pictures
-from sinscal.judgement.judge import Options
+from sinscal.judgement.options import Options
 
 if TYPE_CHECKING:
     from accelbench.shell.plotting import Picture
@@ -45,7 +45,7 @@ def calibrate(run: "RigRun", options: Options | None = None) -> "Result[tuple[Ju
         If the run lacks what is asked for.
     """
     from accelbench.commands.rig_calibrate.text import calibration_document, verdict
-    from sinscal.judgement.judge import calibrate_and_judge
+    from sinscal.judgement.procedure import calibrate_and_judge
     from sinscal.judgement.result_file import make_result
 
     judged = calibrate_and_judge(run, options or Options())
@@ -95,9 +95,16 @@ def covariance(
     document = analysis_document({mode: found}, {mode: advice})
 
     def pictures() -> "Iterable[Picture]":
-        from accelbench.commands.rig_plan.figures import draw_budget, draw_correlations, draw_sigmas
+        from accelbench.commands.rig_plan.figures import (
+            draw_budget,
+            draw_planned_correlations,
+            draw_planned_sigmas,
+        )
 
-        return [draw(found, mode) for draw in (draw_sigmas, draw_correlations, draw_budget)]
+        return [
+            draw(found, mode)
+            for draw in (draw_planned_sigmas, draw_planned_correlations, draw_budget)
+        ]
 
     return Result(
         title=f"{mode}: {len(found.names)} parameters",
@@ -157,14 +164,16 @@ def flight(
         One row a moment, with the position error.
     """
     from accelbench.commands.rig_flight.given import GivenCalibration
-    from accelbench.commands.rig_flight.text import flight_document, fly
+    from accelbench.commands.rig_flight.text import flight_document, fly_calibration
     from sinscal.flight.covariance import FlightNoise
     from sinscal.flight.trajectory import FlightPlan
     from sinscal.model.residual_errors import Calibration
 
     plan, noise = plan or FlightPlan(), noise or FlightNoise()
     one = Calibration.of_sensors(list(result.names), np.array(result.covariance))
-    flown = fly(GivenCalibration(name=result.mode, calibration=one), plan, noise, every_s=every_s)
+    flown = fly_calibration(
+        GivenCalibration(name=result.mode, calibration=one), plan, noise, every_s=every_s
+    )
     found = flown.found
     return Result(
         title=f"position error {found.rho_end_m:.0f} m at the end",

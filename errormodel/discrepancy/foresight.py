@@ -48,7 +48,7 @@ class Foresight:
         return tuple(n for n, s in zip(self.names, row, strict=True) if s > SAME and n != name)
 
 
-def foresee(view: View, candidates: Sequence[Candidate]) -> Foresight:
+def foresee_candidates(view: View, candidates: Sequence[Candidate]) -> Foresight:
     """Tell what can be shown of each candidate under a noise.
 
     Parameters

@@ -11,7 +11,7 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 
-from errormodel.discrepancy.foresight import Foresight, foresee
+from errormodel.discrepancy.foresight import Foresight, foresee_candidates
 from errormodel.discrepancy.gate import FactorFinding, Judgement, Verdict, judge, locate
 from errormodel.discrepancy.measurement import (
     Gap,
@@ -118,6 +118,13 @@ class Conclusion(Generic[Gap, Proposal]):
         return tuple(s.alias for s in self.result.slots if len(s.alias) > 1)
 
     @property
+    def weight(self) -> float | None:
+        """Posterior weight of the names and alias sets said; None where none is."""
+        if not self.judgement.names_stand:
+            return None
+        return float(np.prod([s.weight for s in self.result.slots]))
+
+    @property
     def inherited(self) -> dict[str, Any]:
         """The fields by name, for a conclusion that says more."""
         return {f.name: getattr(self, f.name) for f in fields(Conclusion)}
@@ -182,7 +189,7 @@ def _searched_under(
 ) -> Searched[Any, Any]:
     """Search the library under a noise and its null distributions."""
     problem = measurement.problem((), floor.noise)
-    foresight = foresee(View(problem, floor.noise), problem.candidates)
+    foresight = foresee_candidates(View(problem, floor.noise), problem.candidates)
     settings.say(measurement.name, f"trying {len(problem.candidates)} effects")
     task = SearchTask(
         source=measurement,

@@ -28,7 +28,7 @@ class PythonFile:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Source:
+class LibrarySource:
     """A user's file that members of a library came from: its name, the SHA-256 of its text."""
 
     name: str
@@ -36,13 +36,13 @@ class Source:
     members: frozenset[str]
 
 
-def sources_of(sources: Iterable[Source], names: Iterable[str]) -> tuple[Source, ...]:
+def sources_of(sources: Iterable[LibrarySource], names: Iterable[str]) -> tuple[LibrarySource, ...]:
     """Return the files that some members came from."""
     wanted = set(names)
     return tuple(one for one in sources if one.members & wanted)
 
 
-def check_source(name: str, sha256: str, opened: Iterable[Source]) -> None:
+def check_source(name: str, sha256: str, opened: Iterable[LibrarySource]) -> None:
     """Check that a file which a model needs is open, as it was when the model was made.
 
     Raises

@@ -61,7 +61,7 @@ class _Groups:
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Design:
+class VarianceDesign:
     """Everything the likelihood needs; observations are scaled to unit variance by `scale`.
 
     `within` is the mean square that no factor explains.
@@ -138,7 +138,9 @@ class Design:
         return score, information
 
 
-def make_design(y: FloatArray, factors: Sequence[RandomFactor], fixed: FloatArray) -> Design:
+def make_design(
+    y: FloatArray, factors: Sequence[RandomFactor], fixed: FloatArray
+) -> VarianceDesign:
     """Reduce observations to cross products.
 
     Raises
@@ -154,7 +156,7 @@ def make_design(y: FloatArray, factors: Sequence[RandomFactor], fixed: FloatArra
         raise ValueError(f"{', '.join(wrong) or 'fixed'}: expected {y.size} rows")
     levels = [int(f.codes.max(initial=-1)) + 1 for f in factors]
     z = np.hstack([np.zeros((y.size, 0)), *(_indicators(f.codes) for f in factors)])
-    dof = degrees_of_freedom(factors, y.size, fixed)
+    dof = stratum_degrees_of_freedom(factors, y.size, fixed)
     for name, count in zip([*names, "noise"], dof, strict=True):
         if count < 1:
             raise ValueError(f"{name} cannot be told from the rest: no degree of freedom is left")
@@ -166,7 +168,7 @@ def make_design(y: FloatArray, factors: Sequence[RandomFactor], fixed: FloatArra
     yy = float(centred @ centred)
     inverse = np.linalg.pinv(groups.zz, hermitian=True)
     explained = float(np.einsum("gq,gqr,gr->", groups.zy, inverse, groups.zy))
-    return Design(
+    return VarianceDesign(
         groups=groups,
         xx=fixed.T @ fixed,
         xy=fixed.T @ centred,
@@ -179,7 +181,7 @@ def make_design(y: FloatArray, factors: Sequence[RandomFactor], fixed: FloatArra
     )
 
 
-def degrees_of_freedom(
+def stratum_degrees_of_freedom(
     factors: Sequence[RandomFactor], n: int, fixed: FloatArray | None = None
 ) -> tuple[int, ...]:
     """Return the degrees of freedom of each factor's stratum and of the noise of n observations."""

@@ -17,7 +17,8 @@ from scipy.stats import chi2
 
 from errormodel.arrays import FloatArray
 from sinscal.model.chamber import ChamberModel, chamber_names
-from sinscal.model.sensors import Motion, SensorModel
+from sinscal.model.motion import Motion
+from sinscal.model.sensors import SensorModel
 from sinscal.recording.run import AXES
 
 FALSE_ALARM = 1e-3

@@ -15,8 +15,8 @@ from sinscal.flight.covariance import flight_sensitivity
 from sinscal.flight.navigation_errors import DLAT, DLON
 from sinscal.flight.trajectory import FlightPlan
 from sinscal.frames.earth import A_M
+from sinscal.model.motion import Motion
 from sinscal.model.priors import RigPrior
-from sinscal.model.sensors import Motion
 from sinscal.recording.run import AXES, RigRun
 
 

@@ -12,7 +12,7 @@ from sinscal.filter.data import RigNoise, cycle_data
 from sinscal.library import BASIC, rig_library
 from sinscal.library.angle import MOUNT
 from sinscal.library.groups import RigEffect
-from sinscal.library.jump import bias_step
+from sinscal.library.jump import constant_error_step
 from sinscal.model.larger_model import RigModelFile
 from sinscal.model.priors import make_prior
 from sinscal.model.sensors import sensor_model
@@ -90,7 +90,9 @@ class RigSource:
     def _calibrated(self, chosen: Sequence[Choice]) -> RigCalibration:
         effects = [rig_library().by_name[c.name] for c in chosen]
         steps = [
-            bias_step(e.step, c.theta[0]) for c, e in zip(chosen, effects, strict=True) if e.step
+            constant_error_step(e.step, c.theta[0])
+            for c, e in zip(chosen, effects, strict=True)
+            if e.step
         ]
         groups = (*BASIC, *self.present.groups, *(g for e in effects for g in e.groups))
         sensors = sensor_model(

@@ -30,9 +30,9 @@ from sinscal.flight.navigation_errors import (
 )
 from sinscal.flight.trajectory import Flight, FlightPlan, fly
 from sinscal.frames.earth import A_M, earth_rate_enu
+from sinscal.model.motion import Motion
 from sinscal.model.noise import InertialNoise
 from sinscal.model.residual_errors import Calibration, at_rest, error_columns
-from sinscal.model.sensors import Motion
 
 ErrorColumns = Callable[[Motion], FloatArray]
 STEP_S = 1.0  # of the Runge-Kutta integration: the snake's periods are of minutes

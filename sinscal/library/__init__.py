@@ -11,7 +11,7 @@ from functools import cached_property
 
 from errormodel.errors import InputError
 from errormodel.in_use import InUse
-from errormodel.io.python_file import PythonFile, Source, members_of
+from errormodel.io.python_file import LibrarySource, PythonFile, members_of
 from errormodel.terms import Description, Term
 from sinscal.library import accelerometer, angle, gyro, jump, lever
 from sinscal.library.groups import ALL_CHANNELS, ChannelId, Group, Kind, RigEffect
@@ -32,7 +32,7 @@ class RigLibrary:
         What the search may name.
     drifts : tuple of RigEffect
         What a calibration is tested for beside them.
-    sources : tuple of Source
+    sources : tuple of LibrarySource
         The files of the user's that are part of it.
 
     Raises
@@ -44,7 +44,7 @@ class RigLibrary:
     groups: Mapping[str, Group]
     effects: tuple[RigEffect, ...]
     drifts: tuple[RigEffect, ...]
-    sources: tuple[Source, ...] = ()
+    sources: tuple[LibrarySource, ...] = ()
 
     def __post_init__(self) -> None:
         for effect in self.effects:
@@ -61,7 +61,11 @@ class RigLibrary:
     def parameters(self) -> Mapping[str, Description]:
         """Description of every parameter by its name: of groups, jumps, drifts and the mounting."""
         kinds: tuple[Kind, ...] = ("gyro", "accel")
-        changes = [g for k in kinds for g in (jump.bias_step(k, 0.0), jump.bias_drift(k, 1.0, 1.0))]
+        changes = [
+            g
+            for k in kinds
+            for g in (jump.constant_error_step(k, 0.0), jump.constant_error_drift(k, 1.0, 1.0))
+        ]
         terms = (g.term(c) for g in (*self.groups.values(), *changes) for c in ALL_CHANNELS)
         made = (c for term in terms if term is not None for c in term.coefficients)
         return {c.name: c for c in (*made, *angle.MOUNTING)}
@@ -132,7 +136,7 @@ class RigLibrary:
         return "; ".join(g.signs for g in self.groups.values() if g.signs)
 
     def with_members(
-        self, groups: Sequence[Group], effects: Sequence[RigEffect], source: Source
+        self, groups: Sequence[Group], effects: Sequence[RigEffect], source: LibrarySource
     ) -> "RigLibrary":
         """Return the library with members of a user's own.
 
@@ -177,7 +181,7 @@ def with_rig_file(file: PythonFile) -> RigLibrary:
     """
     groups = members_of(file, "GROUPS", Group)
     effects = [e for e in members_of(file, "EFFECTS", object) if isinstance(e, RigEffect)]
-    source = Source(
+    source = LibrarySource(
         name=file.path.name, sha256=file.sha256, members=frozenset(g.name for g in groups)
     )
     return rig_library().with_members(groups, effects, source)

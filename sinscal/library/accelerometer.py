@@ -11,8 +11,8 @@ from sinscal.library.groups import (
     WARM,
     ChannelId,
     Group,
-    bias,
     bias_by_temperature,
+    constant_error,
     effect_of,
     misalignment,
     needing,
@@ -57,7 +57,7 @@ def _temperature_scale(c: ChannelId) -> Term:
 BIAS = Group(
     name="accel_bias",
     kinds=("accel",),
-    make=bias,
+    make=constant_error,
     prior_sigma=0.02,
     told=Told(unit="µg", size=MICRO_G),
     formula="Δf⁰",

@@ -9,7 +9,15 @@ from errormodel.arrays import FloatArray
 from errormodel.record import Record
 from errormodel.terms import Coefficient, Term, Told
 from sinscal.frames.earth import ARCMIN, ARCSEC
-from sinscal.library.groups import PHASE, RATE, ChannelId, Group, RigEffect, effect_of, term_of
+from sinscal.library.groups import (
+    PHASE,
+    RATE,
+    ChannelId,
+    Group,
+    RigEffect,
+    effect_of,
+    term_of,
+)
 from sinscal.library.groups import signal as signal_of
 from sinscal.recording.run import AXES
 

@@ -236,7 +236,7 @@ def ones(record: Record) -> FloatArray:
     return np.ones(len(record))
 
 
-def bias(c: ChannelId) -> Term:
+def constant_error(c: ChannelId) -> Term:
     """Return a sensor's constant error."""
     symbol, unit = (f"ν{c.letter}", "rad/s") if c.kind == "gyro" else (f"Δf{c.letter}", "m/s²")
     name = f"{c.kind}_bias_{c.letter}"

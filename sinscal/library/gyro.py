@@ -11,8 +11,8 @@ from sinscal.library.groups import (
     WARM,
     ChannelId,
     Group,
-    bias,
     bias_by_temperature,
+    constant_error,
     effect_of,
     misalignment,
     scale,
@@ -42,7 +42,7 @@ def _asymmetry(c: ChannelId) -> Term:
 BIAS = Group(
     name="gyro_bias",
     kinds=("gyro",),
-    make=bias,
+    make=constant_error,
     prior_sigma=0.5 * DEG_PER_H,
     told=Told(unit="°/h", size=DEG_PER_H),
     formula="ν⁰",

@@ -16,7 +16,7 @@ CONSTANT_ERRORS = {"gyro": gyro.BIAS, "accel": accelerometer.BIAS}
 UNRECORDED_C = 5.0
 
 
-def bias_step(kind: Kind, at_s: float) -> Group:
+def constant_error_step(kind: Kind, at_s: float) -> Group:
     """Return a step of the constant errors of a kind of sensor, at a time since the run began."""
 
     def after(record: Record) -> FloatArray:
@@ -38,7 +38,7 @@ def fading(since_s: FloatArray, tau_s: float, span_s: float) -> FloatArray:
     return np.expm1(-inside / tau_s) / np.expm1(-span_s / tau_s)
 
 
-def bias_drift(kind: Kind, tau_s: float, span_s: float) -> Group:
+def constant_error_drift(kind: Kind, tau_s: float, span_s: float) -> Group:
     """Return a drift of the constant errors over a run, zero in its mean."""
     share = tau_s / span_s
     mean = 0.5 if not np.isfinite(tau_s) else -1.0 / np.expm1(-1.0 / share) - share
@@ -75,7 +75,9 @@ def _passing(term: Term) -> Term:
     return replace(needing(term, "elapsed_s"), predictive=False)
 
 
-GROUPS: tuple[Group, ...] = ()  # each belongs to a time: see `bias_step` and `bias_drift`
+GROUPS: tuple[
+    Group, ...
+] = ()  # each belongs to a time: see `constant_error_step`, `constant_error_drift`
 _SENSORS: tuple[tuple[Kind, str, Group], ...] = (
     ("gyro", "gyros", gyro.TEMPERATURE_DRIFT),
     ("accel", "accelerometers", accelerometer.TEMPERATURE_BIAS),

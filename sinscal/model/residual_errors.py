@@ -16,7 +16,8 @@ from sinscal.library import RigLibrary, rig_library
 from sinscal.library.angle import MOUNT
 from sinscal.library.groups import Group
 from sinscal.library.jump import DRIFTS, JUMPS
-from sinscal.model.sensors import Motion, SensorModel, as_vector, sensor_model
+from sinscal.model.motion import Motion
+from sinscal.model.sensors import SensorModel, as_vector, sensor_model
 
 # Share of a passing change that a constant error has reached when the run is over.
 REACHED = {**dict.fromkeys(JUMPS, 1.0), **{one.name: 0.5 for one in DRIFTS}}

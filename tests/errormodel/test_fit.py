@@ -5,8 +5,10 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy import stats
 
+from benchmarks.fit_many import fit_many
+from errormodel.covariance import expected_covariance
 from errormodel.errors import NotSeparableError
-from errormodel.fit import expected_covariance, fit, fit_many
+from errormodel.fit import fit
 from errormodel.model import ErrorModel
 from errormodel.noise.model import NoiseModel
 from errormodel.record import Record

@@ -12,6 +12,9 @@ from thermo.recording.channel import Channel
 BLOCK_S = 60.0
 # A short log is cut into some 600 blocks all the same.
 LEAST_BLOCKS = 600
+# A long record is cut into longer blocks: what is slow needs no more, and the search's time grows
+# with their number.
+MOST_BLOCKS = 2400
 SOON = 1.0 / 3.0  # of a block after a turn, which is a block of its own
 
 
@@ -60,7 +63,7 @@ def blocks_of(channel: Channel) -> Blocks:
     record = channel.record
     time_s, run = record.time_s, record.run
     spans = sum(float(np.ptp(time_s[r])) for r in record.run_slices)
-    length_s = min(BLOCK_S, max(spans / LEAST_BLOCKS, 0.0))
+    length_s = max(min(BLOCK_S, spans / LEAST_BLOCKS), spans / MOST_BLOCKS)
     new_run = np.diff(run) != 0
     force = np.column_stack([record["a_i_g"], record["a_p_g"]])
     turned = np.abs(np.diff(force, axis=0)).max(axis=1) > 1e-4

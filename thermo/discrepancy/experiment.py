@@ -19,7 +19,8 @@ from errormodel.discrepancy.search.state import SearchState
 from errormodel.errors import InputError
 from errormodel.noise.model import NoiseFit
 from thermo.discrepancy.experiment_menu import Item, menu
-from thermo.discrepancy.source import Fitted, ThermalSource
+from thermo.discrepancy.problem.refit import Fitted
+from thermo.discrepancy.problem.source import ThermalSource
 from thermo.planning.default_station import default_station
 from thermo.planning.foresight import followed_by, planned_channel
 from thermo.planning.plan import Plan, make_plan

@@ -107,8 +107,10 @@ class FactorKind:
         show it.
     repeatable : bool
         Whether a new run would show the same.
-    held : bool
-        Whether the noise is estimated beside it: a slow noise could follow it otherwise.
+    held : callable, optional
+        Of its values: the few smooth columns that the noise is estimated beside, where a slow
+        noise could follow it otherwise. Not one a level: what comes in one run alone would take
+        that run's offset for something that repeats.
     values : callable, optional
         Of `Seen`, where block means of the quantity are not what it is resolved by.
     """
@@ -116,7 +118,7 @@ class FactorKind:
     quantity: Quantity
     groups: Callable[[Seen, FloatArray], Groups]
     repeatable: bool = True
-    held: bool = False
+    held: Callable[[FloatArray], FloatArray] | None = None
     values: Callable[[Seen], FloatArray] | None = None
 
     def values_in(self, seen: Seen) -> FloatArray:
@@ -143,6 +145,19 @@ def _soon_after(seen: Seen, since_s: FloatArray) -> Groups:
     if longest <= 2.0 * least:
         return ()
     return (corners(np.log(since_s + least), 6),)
+
+
+def _early(since_s: FloatArray) -> FloatArray:
+    """Return what dies away within some seconds, minutes and quarters of an hour."""
+    return np.column_stack([np.exp(-since_s / tau_s) for tau_s in (15.0, 60.0, 240.0)])
+
+
+def _sizes(turn_deg: FloatArray) -> FloatArray:
+    return np.column_stack([np.sign(turn_deg), turn_deg])
+
+
+def _few(x: FloatArray) -> FloatArray:
+    return corners(x, 4)
 
 
 def _levels(seen: Seen, x: FloatArray) -> Groups:
@@ -226,10 +241,10 @@ KINDS: tuple[FactorKind, ...] = (
     ),
     FactorKind(quantity=quantities.RATE, groups=lambda seen, x: (corners(x),)),
     FactorKind(quantity=quantities.POSITION, groups=_positions),
-    FactorKind(quantity=quantities.SINCE_MOVE, groups=_soon_after, held=True),
-    FactorKind(quantity=quantities.LAST_MOVE, groups=_levels, held=True),
-    FactorKind(quantity=quantities.POSITION_BEFORE, groups=_levels, held=True),
-    FactorKind(quantity=quantities.HEAT_FLOW, groups=_over, held=True),
+    FactorKind(quantity=quantities.SINCE_MOVE, groups=_soon_after, held=_early),
+    FactorKind(quantity=quantities.LAST_MOVE, groups=_levels, held=_sizes),
+    FactorKind(quantity=quantities.POSITION_BEFORE, groups=_levels),
+    FactorKind(quantity=quantities.HEAT_FLOW, groups=_over, held=_few),
     FactorKind(quantity=quantities.SINCE_RAMP_CHANGE, groups=_soon_after),
     FactorKind(quantity=quantities.TURNED_AT, groups=_turning_points),
     FactorKind(quantity=quantities.TIME_IN_RUN, groups=lambda seen, x: (splines(x, TIME_KNOT_S),)),
@@ -252,7 +267,7 @@ def kinds_in(seen: Seen) -> Iterator[FactorKind]:
                 one.name, one.unit, f"follows {one.name}", one.sentence.rstrip("."), one.name
             ),
             groups=_over,
-            held=True,
+            held=_few,
         )
         for one in (signal_of_column(name) for name in known if name not in of_program)
     )
@@ -297,6 +312,6 @@ def saturated_columns(seen: Seen) -> FloatArray:
                 break
         columns.append(corners(seen.rate))
     for kind in kinds_in(seen):
-        if kind.held:
-            columns += kind.groups(seen, kind.values_in(seen))
+        if kind.held is not None:
+            columns.append(kind.held(kind.values_in(seen)))
     return independent(np.hstack(columns))

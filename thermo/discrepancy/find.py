@@ -24,9 +24,10 @@ from thermo.discrepancy.floor import floor_ug
 from thermo.discrepancy.held_out import EQUAL, HeldOut, RunGap, gap_of_all, reading_residual_ug
 from thermo.discrepancy.input import check_channel, in_own_scale
 from thermo.discrepancy.measurement import ChamberRuns
+from thermo.discrepancy.problem.refit import Fitted
+from thermo.discrepancy.problem.source import ThermalSource
 from thermo.discrepancy.shape import ShapeFound
 from thermo.discrepancy.shared import SearchedChannel, SharedEffect, shared_effects
-from thermo.discrepancy.source import Fitted, ThermalSource
 from thermo.discrepancy.words import EffectFound, effects_found, where_text
 from thermo.fitting.fit import TermsFile
 from thermo.library import thermal_library

@@ -13,7 +13,8 @@ from errormodel.arrays import FloatArray
 from errormodel.linear import independent
 from errormodel.noise.model import NoiseFit
 from thermo.discrepancy.held_out import reading_residual_ug
-from thermo.discrepancy.source import Fitted, ThermalSource
+from thermo.discrepancy.problem.refit import Fitted
+from thermo.discrepancy.problem.source import ThermalSource
 from thermo.library.effects import foreseen
 
 DRAWS = 80

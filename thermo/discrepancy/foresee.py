@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from errormodel.constants import T_REF_C
-from errormodel.discrepancy.foresight import SAME, foresee
+from errormodel.discrepancy.foresight import SAME, foresee_candidates
 from errormodel.discrepancy.scan import View
 from thermo.discrepancy.baseline import bare_baseline
-from thermo.discrepancy.source import ThermalSource
+from thermo.discrepancy.problem.source import ThermalSource
 from thermo.library import thermal_library
 from thermo.library.effects import ThermalEffect
 from thermo.library.passing import MAX_RUNS
@@ -73,7 +73,7 @@ def foresee_effects(
     per_block = source.blocks.usual
     noise = replace(ASSUMED_NOISE.scaled(1e6), white=1e6 * ASSUMED_NOISE.white / per_block**0.5)
     view = View(source.outline(noise), noise)
-    found = foresee(view, view.problem.candidates)
+    found = foresee_candidates(view, view.problem.candidates)
     names = [n for n in found.names if n not in found.invisible]
     both = np.minimum(found.imitated, found.imitated.T)
     at = [found.names.index(n) for n in names]

@@ -9,7 +9,8 @@ from errormodel.arrays import FloatArray, rms
 from errormodel.discrepancy.search.choices import Choice
 from errormodel.noise.model import NoiseModel
 from errormodel.terms import Term
-from thermo.discrepancy.source import Fitted, ThermalSource
+from thermo.discrepancy.problem.refit import Fitted
+from thermo.discrepancy.problem.source import ThermalSource
 from thermo.library.effects import foreseen
 from thermo.recording.channel import Channel
 

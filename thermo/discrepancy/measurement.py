@@ -14,9 +14,9 @@ from errormodel.discrepancy.search.state import SearchState
 from errormodel.noise.model import NoiseModel
 from thermo.discrepancy.experiment import Experiment, propose
 from thermo.discrepancy.held_out import RunGap, gap_of_run, reading_residual_ug
+from thermo.discrepancy.problem.source import ThermalSource
 from thermo.discrepancy.shape import against_shape
 from thermo.discrepancy.shared import SearchedChannel, Unlike, unlike_effects
-from thermo.discrepancy.source import ThermalSource
 
 # Orders of temperature are alike in heating and cooling: history may be beside them.
 ORDERS = frozenset({"bias_temperature_order", "scale_temperature_order"})
@@ -91,7 +91,9 @@ class ChamberRuns(Measurement[RunGap, Experiment]):
         source = self.source
         shown = set(foresight.names) - set(foresight.invisible)
         held = {e.name for e in source.effects if source.holds_some(e)}
-        return tuple(e.name for e in source.effects if e.name not in shown | held)
+        own = {t.name for t in source.model.terms}
+        some = [e for e in source.effects if not e.changes or e.changes in own]
+        return tuple(e.name for e in some if e.name not in shown | held)
 
     def next_experiment(
         self, result: SearchState, judgement: Judgement, invisible: tuple[str, ...]

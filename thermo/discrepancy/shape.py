@@ -19,7 +19,6 @@ from errormodel.discrepancy.search.choices import Choice
 from errormodel.discrepancy.search.ranking import chi_square
 from errormodel.discrepancy.search.state import SearchState
 from errormodel.discrepancy.shape import (
-    PER_CURVE,
     Formula,
     Shape,
     best_formula,
@@ -27,12 +26,12 @@ from errormodel.discrepancy.shape import (
     knots_of,
 )
 from errormodel.errors import NotSeparableError
-from errormodel.io.python_file import Source
+from errormodel.io.python_file import LibrarySource
 from errormodel.noise.model import NoiseModel
 from errormodel.terms import Effect, Term
 from thermo.discrepancy.factors import Seen, kinds_in
 from thermo.discrepancy.held_out import HeldOut, RunGap, gap_of_all, gap_of_run
-from thermo.discrepancy.source import ThermalSource
+from thermo.discrepancy.problem.source import ThermalSource
 from thermo.library import term, thermal_library, using_thermal_library
 from thermo.library.effects import ThermalEffect
 from thermo.library.quantities import QUANTITIES
@@ -43,9 +42,14 @@ from thermo.recording.signals import Signal
 PRICE = 9.0
 # A shape is kept where it takes away this share of the mean square that runs held out show.
 PREDICTS = 0.02
+# What a name costs, beside its parameters: as where several are weighed against one.
+PER_NAME, PER_PARAMETER = 10.0, 2.0
 NAMED_SHARE = 0.5  # of what repeats, that names must explain to stand beside a shape
 # Quantities that no shape is made of: they belong to these runs.
-OF_THESE_RUNS = frozenset({"run", "time", "rest_before_run", "direction"})
+OF_THESE_RUNS = frozenset({"run", "time", "rest_before_run", "direction", "hour_of_day"})
+# In runs of one programme everything that repeats is a function of these: they are no rivals of a
+# name, and a shape of them is made only of what has none.
+OF_THE_PROGRAMME = frozenset({"time_in_run", "since_ramp_change", "turned_at"})
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -75,7 +79,7 @@ class Pattern:
     def in_library(self, name: str, sentence: str = "") -> Generator[None]:
         """Have its term in the library until the end of the block."""
         made = self.term(name, sentence)
-        source = Source(name=name, sha256="", members=frozenset([name]))
+        source = LibrarySource(name=name, sha256="", members=frozenset([name]))
         known = thermal_library()
         terms = {n: make for n, make in known.terms.items() if n != name}
         wider = replace(known, terms=terms).with_members({name: lambda: made}, [], source)
@@ -155,14 +159,14 @@ def against_shape(
     best: tuple[float, int, float, Pattern] | None = None
     for count in range(len(slots) + 1):
         beside = tuple(s.choice for s in slots[:count])
-        pattern = likeliest_pattern(source, beside, noise)
+        pattern = likeliest_pattern(source, beside, noise, rivals=judgement.names_stand)
         if pattern is None:
             continue
         explained = alone - chi_square(result.view(beside))
-        score = explained - _cost(source, beside, price) + pattern.shape.score - price
+        score = explained - _cost(source, beside) + pattern.shape.score - price
         if best is None or score > best[0]:
             best = (score, count, explained, pattern)
-    names_alone = result.explained - _cost(source, result.found, price)
+    names_alone = result.explained - _cost(source, result.found)
     if best is None or best[0] < (names_alone if judgement.names_stand else 0.0) + PRICE:
         return kept
     _, count, explained, pattern = best
@@ -178,11 +182,11 @@ def against_shape(
     return Revision(judgement, left, found)
 
 
-def _cost(source: ThermalSource, chosen: Sequence[Choice], price: float) -> float:
-    """Return the chi-square that names must explain to be worth it: one is free of the price."""
+def _cost(source: ThermalSource, chosen: Sequence[Choice]) -> float:
+    """Return the chi-square that names must explain to be worth it."""
     terms = [term(n) for c in chosen for n in source.form_of(c).terms]
     parameters = sum(len(t.parameters) + _coefficients(t) for t in terms)
-    return PER_CURVE * parameters + price * max(len(chosen), 0)
+    return PER_PARAMETER * parameters + PER_NAME * len(chosen)
 
 
 def _coefficients(one: Effect) -> int:
@@ -234,12 +238,24 @@ def find_shape(
 
 
 def likeliest_pattern(
-    source: ThermalSource, beside: Sequence[Choice], noise: NoiseModel
+    source: ThermalSource, beside: Sequence[Choice], noise: NoiseModel, *, rivals: bool = False
 ) -> Pattern | None:
-    """Return the likeliest function of a quantity; the plain one unless a product is clearly."""
+    """Return the likeliest function of a quantity; the plain one unless a product is clearly.
+
+    Parameters
+    ----------
+    source : ThermalSource
+    beside : sequence of Choice
+        Effects in the model.
+    noise : NoiseModel
+    rivals : bool
+        Only of quantities that are not the programme's.
+    """
     view = View(source.problem(tuple(beside), noise), noise)
     found: list[tuple[float, Pattern]] = []
     for quantity, times in _trials(source.seen):
+        if rivals and quantity in OF_THE_PROGRAMME:
+            continue
         x, by = _values(source.seen, quantity, times)
         shape = fit_shape(view, x, by, knots_of(x))
         if shape is not None:

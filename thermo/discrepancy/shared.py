@@ -18,7 +18,7 @@ from errormodel.discrepancy.scan import NOTHING, Prepared, View
 from errormodel.discrepancy.search.choices import Choice
 from errormodel.discrepancy.search.ranking import residual_of
 from errormodel.discrepancy.search.state import SearchState
-from thermo.discrepancy.source import ThermalSource
+from thermo.discrepancy.problem.source import ThermalSource
 from thermo.library.effects import Cause, ThermalEffect
 
 # Sizes that are alike are taken for unlike once in a thousand times.

@@ -11,7 +11,8 @@ from errormodel.discrepancy.search.state import SearchState
 from errormodel.model import ErrorModel
 from errormodel.noise.model import NoiseFit
 from thermo.discrepancy.factors import factor_kind
-from thermo.discrepancy.source import Fitted, ThermalSource
+from thermo.discrepancy.problem.refit import Fitted
+from thermo.discrepancy.problem.source import ThermalSource
 from thermo.library import thermal_library
 
 

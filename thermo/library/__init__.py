@@ -12,7 +12,7 @@ from typing import cast
 
 from errormodel.errors import InputError
 from errormodel.in_use import InUse
-from errormodel.io.python_file import PythonFile, Source, members_of
+from errormodel.io.python_file import LibrarySource, PythonFile, members_of
 from errormodel.terms import Description, Effect
 from thermo.library import (
     head,
@@ -53,13 +53,13 @@ class ThermalLibrary:
     terms : mapping of str to callable
         Each makes its term.
     effects : tuple of ThermalEffect
-    sources : tuple of Source
+    sources : tuple of LibrarySource
         The files of the user's that are part of it.
     """
 
     terms: Mapping[str, Maker]
     effects: tuple[ThermalEffect, ...]
-    sources: tuple[Source, ...] = ()
+    sources: tuple[LibrarySource, ...] = ()
 
     @cached_property
     def by_name(self) -> Mapping[str, ThermalEffect]:
@@ -88,7 +88,7 @@ class ThermalLibrary:
         return self.terms[name]()
 
     def with_members(
-        self, terms: Mapping[str, Maker], effects: Sequence[ThermalEffect], source: Source
+        self, terms: Mapping[str, Maker], effects: Sequence[ThermalEffect], source: LibrarySource
     ) -> "ThermalLibrary":
         """Return the library with members of a user's own.
 
@@ -145,7 +145,7 @@ def with_thermal_file(file: PythonFile) -> ThermalLibrary:
         raise InputError(file.path, "TERMS", problem)
     terms = cast(Mapping[str, Maker], given)
     effects = [e for e in members_of(file, "EFFECTS", object) if isinstance(e, ThermalEffect)]
-    source = Source(name=file.path.name, sha256=file.sha256, members=frozenset(terms))
+    source = LibrarySource(name=file.path.name, sha256=file.sha256, members=frozenset(terms))
     return thermal_library().with_members(terms, effects, source)
 
 

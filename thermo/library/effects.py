@@ -89,6 +89,9 @@ class ThermalEffect:
     example : Example, optional
         Its size in an accelerometer that passes its data sheet all the same; None where the
         emulator cannot give it to one accelerometer alone.
+    changes : str
+        Term of the model that it changes over temperature; without that term there is nothing to
+        change.
     """
 
     name: str
@@ -98,6 +101,7 @@ class ThermalEffect:
     event: bool = False
     cause: Cause = "accelerometer"
     example: Example | None = None
+    changes: str = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -19,7 +19,7 @@ from thermo.library.effects import (
     plain_form,
 )
 
-MAX_RUNS = 12  # whose turn-on offsets have names
+MAX_RUNS = 64  # whose turn-on offsets have names
 
 
 def run_in() -> Term:

@@ -295,7 +295,7 @@ class GuardianWatch:
             log.error("%s: %s", self._charge.result_path, err)
 
 
-def main() -> int:
+def run_guardian() -> int:
     """Watch over one controller; the channel to it is standard input.
 
     Returns
@@ -321,4 +321,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(run_guardian())

@@ -137,7 +137,7 @@ def select_model(channel: Channel) -> Selection:
     )
 
 
-def scaled(selection: Selection, k1: float) -> Selection:
+def referred_to_input(selection: Selection, k1: float) -> Selection:
     """Return a selection with its residuals referred to the input by a scale factor k1."""
     trials = tuple(
         replace(t, residual_ug=t.residual_ug / k1, heldout_ug=t.heldout_ug / k1)

@@ -7,12 +7,8 @@ import numpy as np
 
 from errormodel.arrays import FloatArray, IntArray
 from errormodel.columns import derivative
-from errormodel.statistics.variance import (
-    RandomFactor,
-    VarianceFit,
-    degrees_of_freedom,
-    fit_components,
-)
+from errormodel.statistics.variance import RandomFactor, VarianceFit, fit_components
+from errormodel.statistics.variance_design import stratum_degrees_of_freedom
 from thermo.library.effects import MICRO
 from thermo.recording.channel import HOLD
 from thermo.selection.residuals import MIN_READINGS
@@ -106,7 +102,7 @@ def variance_components(
     cells = cells_of(batch, events)
     kept: list[RandomFactor] = []
     for factor in _candidates(cells):
-        if min(degrees_of_freedom([*kept, factor], cells.error_ug.size)) >= 1:
+        if min(stratum_degrees_of_freedom([*kept, factor], cells.error_ug.size)) >= 1:
             kept.append(factor)
     if not kept or not np.any(np.diff(cells.error_ug)):
         return None

@@ -191,7 +191,7 @@ def fit_run_by_run(joint: AccelerometerFit, order: Sequence[str]) -> RunByRun:
     )
 
 
-def followed(one: RunByRun, run: RunFit) -> tuple[LeftOut, ...]:
+def residual_factors(one: RunByRun, run: RunFit) -> tuple[LeftOut, ...]:
     """Return what a run's residual still follows, beyond the model chosen on all runs alike."""
     channel, model = one.joint.channel, one.joint.fit.model
     part = channel.take(channel.runs_mask((run.run_id,)))

@@ -18,7 +18,7 @@ from errormodel.arrays import FloatArray, IntArray
 from errormodel.blocks import block_slices
 from thermo.recording.channel import Channel
 from thermo.recording.runs import FORCES
-from thermo.uncertainty.linearised import Linearised
+from thermo.uncertainty.linearised import LinearisedFit
 
 FALSE_ALARM = 6e-7  # of each of the two tests: 5 sigma of a single effect
 # Of the white noise, rms: the coefficients of 1000 readings are then off by three of their sigmas.
@@ -57,13 +57,13 @@ class ByPosition:
 
 
 def by_position(
-    line: Linearised, channel: Channel, by_angle: FloatArray | None = None
+    line: LinearisedFit, channel: Channel, by_angle: FloatArray | None = None
 ) -> ByPosition | None:
     """Return how the residual follows the position; None where it does not.
 
     Parameters
     ----------
-    line : Linearised
+    line : LinearisedFit
         With its run effects.
     channel : Channel
         What was fitted.
@@ -127,7 +127,7 @@ def _few_positions(forces: list[FloatArray]) -> tuple[IntArray, NDArray[np.int8]
 
 
 def _test(
-    line: Linearised,
+    line: LinearisedFit,
     names: list[str],
     group: NDArray[np.integer[Any]],
     over_temperature: bool,

@@ -13,7 +13,7 @@ import numpy as np
 
 from errormodel.arrays import rms
 from thermo.recording.channel import Channel
-from thermo.uncertainty.linearised import Linearised, effect_of
+from thermo.uncertainty.linearised import LinearisedFit, whole_effect
 from thermo.uncertainty.missing_effects import Missing, missing_effects
 
 SIGMAS = 5.0  # of some thirty effects looked for: one false alarm in 100 000 fits of normal noise
@@ -44,16 +44,16 @@ class LeftOut:
     sigmas: float
 
 
-def left_out(line: Linearised, channel: Channel) -> tuple[LeftOut, ...]:
+def left_out(line: LinearisedFit, channel: Channel) -> tuple[LeftOut, ...]:
     """Return what the residual follows, the most significant first."""
     # map holds no effect while the next one is made: a recording may be long
     found = [one for one in map(partial(_told, line), missing_effects(line, channel)) if one]
     return tuple(sorted(found, key=lambda one: -one.sigmas))
 
 
-def _told(line: Linearised, effect: Missing) -> LeftOut | None:
+def _told(line: LinearisedFit, effect: Missing) -> LeftOut | None:
     """Return an effect that the residual follows; None where it does not."""
-    sums = line.sums(line.left(effect_of(effect.column)))
+    sums = line.sums(line.left(whole_effect(effect.column)))
     length2 = float(sums.gram[0, 0])
     if not length2 > LEAST_LEFT * float(effect.column @ effect.column):
         return None  # the model has it, or the readings cannot tell it from what it has
@@ -83,7 +83,7 @@ def dwell_s(channel: Channel) -> float | None:
     return (float(np.median(spans)) if spans else 0.0) + float(np.median(steps))
 
 
-def noise_sentences(line: Linearised, channel: Channel) -> Iterator[str]:
+def noise_sentences(line: LinearisedFit, channel: Channel) -> Iterator[str]:
     """Tell where the residual is no noise of the kind that the sigmas assume."""
     noise = line.noise
     left, stated = rms(line.residual), float(np.hypot(noise.white, noise.drift))

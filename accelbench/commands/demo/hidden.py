@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from accelbench.commands.demo.hidden_page import NextRun, hidden_report
-from accelbench.commands.demo.steps import Steps
+from accelbench.commands.demo.steps import DemoSteps
 from accelbench.commands.discrepancy.larger_model import (
     fitted_file,
     larger_terms,
@@ -222,7 +222,7 @@ def run_hidden_demo(
 
 def _search(bench: _Bench, units: Units, sequence: TestSequence, tell: Tell) -> HiddenDemo:
     """Measure, name, settle what is open, and close the gap."""
-    steps = Steps(tell, [NIGHT, *[SEARCH for _ in units], NEXT_RUN])
+    steps = DemoSteps(tell, [NIGHT, *[SEARCH for _ in units], NEXT_RUN])
     steps.next(f"a night of {len(units)} accelerometers")
     runs = read_runs([bench.measure("run", sequence, units)])
     first: list[Discrepancy] = []
@@ -264,7 +264,7 @@ def _found(runs: RecordedRuns, tell: Tell) -> Discrepancy:
 
 
 def _settled(
-    bench: _Bench, units: Units, d: Discrepancy, runs: RecordedRuns, steps: Steps
+    bench: _Bench, units: Units, d: Discrepancy, runs: RecordedRuns, steps: DemoSteps
 ) -> tuple[Discrepancy, list[Experiment], RecordedRuns]:
     """Carry out the experiments that a verdict proposes until it is no alias set."""
     done: list[Experiment] = []

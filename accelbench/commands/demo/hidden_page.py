@@ -17,9 +17,9 @@ from accelbench.shell.plotting import (
     file_part,
     legend_below,
     new_figure,
+    panel_unit,
     picture,
     thinned,
-    unit_of,
 )
 from errormodel.arrays import FloatArray, rms
 from thermo.discrepancy.find import Discrepancy
@@ -123,7 +123,7 @@ def next_run_lines(one: NextRun) -> tuple[str, ...]:
 def draw_next_run(one: NextRun) -> Picture:
     """Draw measured less emulated over the run, with either model."""
     before_ug, after_ug = one.told(one.before_ug), one.told(one.after_ug)
-    unit, divisor = unit_of(before_ug, after_ug)
+    unit, divisor = panel_unit(before_ug, after_ug)
     figure = new_figure(10.0, 4.2)
     panels = figure.subplots(1, 2, sharey=True)
     handles: dict[str, Any] = {}

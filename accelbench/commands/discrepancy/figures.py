@@ -15,10 +15,10 @@ from accelbench.shell.plotting import (
     file_part,
     legend_below,
     new_figure,
+    panel_unit,
     picture,
     plain,
     thinned,
-    unit_of,
 )
 from errormodel.arrays import FloatArray
 from thermo.discrepancy.factors import factor_kind
@@ -35,7 +35,7 @@ def draw_factor(d: Discrepancy) -> Picture:
     name = d.where.name if d.where else "temperature"
     x, label = _along(d, name)
     before, after = d.plain_before.residual, d.plain_after.residual
-    unit, divisor = unit_of(before, after)
+    unit, divisor = panel_unit(before, after)
     figure = new_figure(10.0, 4.2)
     shown = [(before, "present model"), (after, "with the effect")]
     shown = shown if d.effects else shown[:1]
@@ -102,7 +102,7 @@ def draw_gap(d: Discrepancy) -> Picture:
     labels = [r.run for r in runs] or ["all runs, in the fit"]
     before = np.array([r.before_ug for r in runs] or [d.rms_before_ug])
     after = np.array([r.after_ug for r in runs] or [d.rms_after_ug])
-    unit, divisor = unit_of(before, after)
+    unit, divisor = panel_unit(before, after)
     figure = new_figure(7.5, 3.4)
     axes = figure.subplots()
     at = np.arange(len(labels))

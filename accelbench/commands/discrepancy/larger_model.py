@@ -9,7 +9,7 @@ from errormodel.terms import Term
 from thermo.compensation.model_file import ModelFile, dump_model, make_model_file
 from thermo.compensation.terms_file import terms_toml
 from thermo.discrepancy.find import Discrepancy
-from thermo.discrepancy.source import Fitted
+from thermo.discrepancy.problem.refit import Fitted
 from thermo.fitting.fit import TermsFile, fit_runs
 from thermo.recording.files import RecordedRuns
 

@@ -40,7 +40,7 @@ def _along(one: FilterProblem, name: str) -> tuple[FloatArray, str, float]:
     return minutes, "time from the start of the run, min", float(np.ptp(minutes)) / CELLS
 
 
-def draw_innovations(d: RigDiscrepancy) -> Picture:
+def draw_innovations_by_factor(d: RigDiscrepancy) -> Picture:
     """Draw innovations before and after over the factor that shows the excess best."""
     before = d.source.filter_with(())
     filters = [(before, "present model")]

@@ -3,14 +3,10 @@
 from collections.abc import Mapping
 from pathlib import Path
 
-from accelbench.commands.discrepancy.rig_figures import draw_cycles, draw_innovations
+from accelbench.commands.discrepancy.rig_figures import draw_cycles, draw_innovations_by_factor
 from accelbench.commands.discrepancy.rig_text import rig_lines, told_noise, told_parameters
 from accelbench.commands.discrepancy.text import VERDICT_WORDS
-from accelbench.commands.discrepancy.verdict_page import (
-    VerdictPage,
-    render_verdicts,
-    rival_rows,
-)
+from accelbench.commands.discrepancy.verdict_page import VerdictPage, render_verdicts, rival_rows
 from accelbench.shell.console import number
 from sinscal.discrepancy.find import RigDiscrepancy
 from sinscal.library import rig_library
@@ -47,7 +43,7 @@ def render_rig_discrepancy(d: RigDiscrepancy, run: RigRun) -> dict[str, bytes]:
         verdict=VERDICT_WORDS[d.verdict],
         lines=tuple(rig_lines(d)),
         effects=tuple(told_parameters(d)),
-        pictures=(draw_innovations(d), draw_cycles(d)),
+        pictures=(draw_innovations_by_factor(d), draw_cycles(d)),
         rivals=tuple(rival_rows(d, d.source.effects, _smallest(d), d.source.holds)),
         noise=_noise(d),
     )

@@ -9,7 +9,7 @@ from sinscal.discrepancy.find import RigDiscrepancy, find_rig_discrepancy
 from sinscal.library import rig_library
 from sinscal.model.larger_model import read_rig_model, rig_model_toml
 from sinscal.recording.files import read_rig_run
-from sinscal.recording.join import join_runs
+from sinscal.recording.join import join_rig_runs
 from sinscal.recording.run import RigRun
 
 
@@ -26,7 +26,7 @@ def discrepancy_rig(
     inputs = [*with_sidecars(list(files)), *([model] if model else [])]
     check_results(out, report, inputs, force=force)
     present = read_rig_model(model) if model else None
-    run = join_runs([read_rig_run(f) for f in files])
+    run = join_rig_runs([read_rig_run(f) for f in files])
     found = find_rig_discrepancy(run, present=present, seed=seed, tell=tell)
     results = Results(rig_document(found), list(rig_text(found)))
     results.add_file("larger model", out, lambda: _larger_model(found))

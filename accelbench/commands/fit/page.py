@@ -6,7 +6,7 @@ from pathlib import Path
 
 from accelbench.commands.fit.doubts import not_shown_lines
 from accelbench.commands.fit.figures import MAX_ACCELEROMETERS, pictures
-from accelbench.commands.fit.text import sentences
+from accelbench.commands.fit.text import fit_sentences
 from accelbench.shell.console import micro_g, number, value_and_sigma
 from accelbench.shell.outputs import REPORT_NAME
 from accelbench.shell.page import (
@@ -162,7 +162,7 @@ def _results(fits: Sequence[AccelerometerFit], extras: ReportExtras) -> Iterator
         after=extras.notes,
     )
     for one in fits:
-        yield Section(title=one.serial, level=3, points=tuple(sentences(one)))
+        yield Section(title=one.serial, level=3, points=tuple(fit_sentences(one)))
     yield Section(lines=tuple(not_shown_lines(fits)))
     for extra in extras.tables:
         words = tuple(range(len(extra.columns)))

@@ -149,7 +149,7 @@ def fit_text(fits: Sequence[AccelerometerFit], model: ModelFile) -> Iterator[Ren
     yield from summary_part(fits)
     for one in fits:
         yield f"{one.serial}: {one.fit.n} readings in {len(one.channel.run_ids)} run(s)"
-        for line in sentences(one):
+        for line in fit_sentences(one):
             yield f"  {line}"
         yield ""
     for line in not_shown_lines(fits):
@@ -177,7 +177,7 @@ def summary_part(fits: Sequence[AccelerometerFit]) -> Iterator[RenderableType]:
     yield ""
 
 
-def sentences(one: AccelerometerFit) -> Iterator[str]:
+def fit_sentences(one: AccelerometerFit) -> Iterator[str]:
     """Tell one accelerometer's fit, a sentence a line.
 
     Yields

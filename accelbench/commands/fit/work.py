@@ -9,12 +9,7 @@ from rich.console import RenderableType
 from accelbench.commands.fit.text import fit_document, fit_text
 from accelbench.shell.console import emit, micro_g, number, table
 from accelbench.shell.inputs import add_reading_counts, read_with_doubts
-from accelbench.shell.outputs import (
-    Results,
-    check_results,
-    checked_run_output,
-    with_sidecars,
-)
+from accelbench.shell.outputs import Results, check_results, checked_run_output, with_sidecars
 from accelbench.shell.progress import working
 from accelbench.shell.recording_text import recording_document, recording_text
 from errormodel.errors import InputError, NotSeparableError
@@ -27,7 +22,7 @@ from thermo.compensation.compensated_files import (
 from thermo.compensation.model_file import ModelFile, dump_model, make_model_file
 from thermo.fitting.fit import AccelerometerFit, TermsFile, fit_runs, read_terms
 from thermo.recording.files import RecordedRuns, write_runs
-from thermo.recording.foreign import import_log
+from thermo.recording.foreign.read import import_log
 from thermo.recording.summary import summary_of
 from thermo.recording.units_check import unit_complaints
 

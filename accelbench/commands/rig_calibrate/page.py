@@ -4,11 +4,11 @@ from accelbench.commands.rig_calibrate.figures import calibration_pictures
 from accelbench.commands.rig_calibrate.text import (
     COLUMNS,
     PASSED,
+    calibration_sentences,
     not_made,
     observability_lines,
     parameter_rows,
     protection_lines,
-    sentences,
     verdict,
 )
 from accelbench.shell.console import number
@@ -64,7 +64,7 @@ def calibration_sections(
 ) -> tuple[Section, ...]:
     """Return the sections of a calibration's report; `estimates` is the table of parameters."""
     drawn, *others = calibration_pictures(judged, run, result)
-    _, *rests_on = sentences(result, listed=False)
+    _, *rests_on = calibration_sentences(result, listed=False)
     return (
         Section(title="What the verdict rests on", points=(*rests_on, *TERMS)),
         _warnings(result),

@@ -65,7 +65,7 @@ def not_made(result: ResultContent) -> str:
     return f"not tested: {'; '.join(left)}" if left else ""
 
 
-def sentences(result: ResultContent, *, listed: bool = True) -> Iterator[str]:
+def calibration_sentences(result: ResultContent, *, listed: bool = True) -> Iterator[str]:
     """Tell the verdict and what it rests on, a sentence a line.
 
     Parameters
@@ -242,7 +242,7 @@ def calibration_text(result: ResultContent) -> Iterator[RenderableType]:
 
 def judgement_lines(result: ResultContent) -> Iterator[str]:
     """Tell how far a calibration can be trusted: its tests, what it shows, its warnings."""
-    yield from sentences(result)
+    yield from calibration_sentences(result)
     yield from protection_lines(result)
     yield from observability_lines(result)
     yield from warning_lines(result.warnings)

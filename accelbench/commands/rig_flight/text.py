@@ -48,7 +48,7 @@ class FlownCalibration:
     is_article: bool = False
 
 
-def fly(
+def fly_calibration(
     given: GivenCalibration,
     plan: FlightPlan,
     noise: FlightNoise,

@@ -75,7 +75,7 @@ def _draw_vertical(axes: Any, true: RigMotion, cycle: CycleMotion, k: int) -> No
     dress(axes, title=title, x="time in the cycle, s", y="force, g" if k == 0 else "")
 
 
-def draw_sigmas(one: RigCovariance, mode: str) -> Picture:
+def draw_planned_sigmas(one: RigCovariance, mode: str) -> Picture:
     """Draw how much of each group's prior sigma is left over time."""
     figure = new_figure(10.0, 4.6)
     axes = figure.subplots()
@@ -110,7 +110,7 @@ def _cycle_ends(one: RigCovariance) -> FloatArray:
     return np.cumsum(one.cycle_s)
 
 
-def draw_correlations(one: RigCovariance, mode: str) -> Picture:
+def draw_planned_correlations(one: RigCovariance, mode: str) -> Picture:
     """Draw the correlations of the final covariance."""
     return draw_correlation_matrix(one.names, correlations(one), f"correlations_{mode}.png", mode)
 

@@ -5,9 +5,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from accelbench.commands.rig_calibrate.text import names_by_axis
 from accelbench.commands.rig_plan.figures import (
     draw_budget,
-    draw_correlations,
+    draw_planned_correlations,
+    draw_planned_sigmas,
     draw_programme,
-    draw_sigmas,
 )
 from accelbench.commands.rig_plan.text import (
     HEADINGS,
@@ -103,5 +103,9 @@ def _mode(mode: str, one: RigCovariance, advice: Sequence[Advice]) -> Iterator[S
         points=tuple(remarks(one, advice)),
         table=ReportTable(title="", columns=SIGMA_COLUMNS, rows=tuple(sigma_rows(one))),
         words=(0, 1, 4),
-        pictures=(draw_sigmas(one, mode), draw_budget(one, mode), draw_correlations(one, mode)),
+        pictures=(
+            draw_planned_sigmas(one, mode),
+            draw_budget(one, mode),
+            draw_planned_correlations(one, mode),
+        ),
     )

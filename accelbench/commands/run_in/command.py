@@ -10,7 +10,7 @@ from accelbench.shell.inputs import trust_option
 from accelbench.shell.library import library_option
 from accelbench.shell.outputs import force_option, json_option
 
-WINDOW = 4  # as thermo.run_in.verdict has it, which takes its second to import
+WINDOW = 4  # as thermo.run_in.judge has it, which takes its second to import
 
 
 @click.command()

@@ -17,8 +17,8 @@ from accelbench.commands.stability.text import (
     headline,
     limits_text,
     movements,
-    sentences,
     sigma_text,
+    stability_sentences,
     summary_row,
 )
 from accelbench.shell.outputs import REPORT_NAME
@@ -151,7 +151,7 @@ def _details(result: Stability) -> Iterator[Section]:
 def _of_one(one: AccelerometerStability, pictures: list[Picture]) -> Section:
     return Section(
         title=f"{one.serial}: {one.verdict}",
-        points=tuple(sentences(one)),
+        points=tuple(stability_sentences(one)),
         table=ReportTable(
             title="",
             columns=COLUMNS,

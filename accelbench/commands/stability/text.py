@@ -182,11 +182,11 @@ def _one_text(one: AccelerometerStability) -> Iterator[RenderableType]:
     for c in one.coefficients:
         made.add_row(*coefficient_row(one, c))
     yield made
-    for line in sentences(one):
+    for line in stability_sentences(one):
         yield f"  {line}"
 
 
-def sentences(one: AccelerometerStability) -> Iterator[str]:
+def stability_sentences(one: AccelerometerStability) -> Iterator[str]:
     """Tell what the table of coefficients does not hold, a sentence a line."""
     for c in one.criteria:
         yield criterion_text(c)

@@ -9,7 +9,9 @@ from scipy.stats import chi2
 from sinscal.calibration.consistency import nis_of, normalised_rows
 from sinscal.calibration.rig import Mode, calibrate
 from sinscal.frames.earth import ARCMIN
-from sinscal.judgement.judge import Judged, Options, calibrate_and_judge
+from sinscal.judgement.judge import Judged
+from sinscal.judgement.options import Options
+from sinscal.judgement.procedure import calibrate_and_judge
 from sinscal.model.priors import PriorFile
 from sinscal.twin.simulate import SensorNoise
 from tests.sinscal.twin import EXACT_AXIS, EXTRA, NOISE, SIX_RATES, Twin, make_twin, shocked

@@ -9,7 +9,8 @@ import pytest
 from scipy.stats import chi2
 
 from errormodel.errors import InputError
-from sinscal.judgement.judge import Options, calibrate_and_judge
+from sinscal.judgement.options import Options
+from sinscal.judgement.procedure import calibrate_and_judge
 from sinscal.recording.files import read_rig_run, write_rig_run
 from tests.sinscal.twin import Twin, make_twin
 

@@ -7,7 +7,7 @@ import pytest
 from thermo.discrepancy.find import find_discrepancy
 from thermo.fitting.fit import TermsFile
 from thermo.recording.files import RecordedRuns
-from thermo.recording.foreign import import_log
+from thermo.recording.foreign.read import import_log
 
 ROOT = Path(__file__).parents[3]
 LOG = ROOT.parent / "shared/data/imu_thermal_loop/imu_raw_data.csv"

@@ -12,7 +12,7 @@ import pytest
 from accelbench.commands.fit.doubts import run_to_run_sentence
 from errormodel.errors import InputError
 from tests.thermo.fitting.strange_runs import NOMINAL, Setup, campaign
-from tests.thermo.uncertainty.test_doubts import STAGES, fitted, worst
+from tests.thermo.uncertainty.doubted import STAGES, fitted, worst
 from thermo.recording.files import RecordedRuns, make_runs, read_runs, write_runs
 from thermo.recording.readings_check import flag_readings
 from thermo.recording.units_check import unit_complaints

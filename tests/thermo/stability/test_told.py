@@ -3,7 +3,12 @@
 import numpy as np
 import pytest
 
-from accelbench.commands.stability.text import coefficient_row, headline, sentences, sigma_limits
+from accelbench.commands.stability.text import (
+    coefficient_row,
+    headline,
+    sigma_limits,
+    stability_sentences,
+)
 from tests.thermo.stability.examples import SIX, one_run, recorded
 from thermo.stability.judge import judge_stability
 from thermo.stability.limits import CoefficientLimits, LimitsFile
@@ -50,7 +55,7 @@ def moving(moves: tuple[float, ...], seed: int) -> list[str]:
         recorded(frames, {f"r{k + 1}": k for k in range(len(moves))}), terms=SIX
     )
     (one,) = result.accelerometers
-    return [*headline(result), *sentences(one)]
+    return [*headline(result), *stability_sentences(one)]
 
 
 def test_three_runs_that_move_plainly_are_not_said_to_stand_still() -> None:

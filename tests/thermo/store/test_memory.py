@@ -12,7 +12,7 @@ from thermo.fitting.fit import TermsFile, fit_runs
 from thermo.recording.files import make_runs, read_runs, write_runs
 from thermo.recording.output_scale import OutputScale
 from thermo.recording.summary import summary_of
-from thermo.store import queries as store_queries
+from thermo.store import reading_queries
 from thermo.store.export import export_test
 from thermo.store.records import NewTest, ReadingRow
 from thermo.store.store import Store, open_store
@@ -103,7 +103,7 @@ def test_an_export_in_pieces_is_the_export_of_the_whole(
     stored: tuple[Store, str], tmp_path, monkeypatch, suffix, mount_deg, piece
 ):
     store, test_id = stored
-    monkeypatch.setattr(store_queries, "PIECE", piece)
+    monkeypatch.setattr(reading_queries, "PIECE", piece)
     whole, parted = tmp_path / f"whole{suffix}", tmp_path / f"parted{suffix}"
     scale = OutputScale(output_unit="mA", gravity_m_s2=9.81, nominal_scale=1.3)
     record = export_test(
@@ -124,7 +124,7 @@ def test_an_export_that_fails_in_its_middle_leaves_what_was_there(stored, tmp_pa
     store.append(test_id, 10, [ReadingRow(
         serial="A", slot=99, time_s=999.0, temp_c=5000.0, position_deg=0.0, output=1.0
     )])  # fmt: skip
-    monkeypatch.setattr(store_queries, "PIECE", 7)
+    monkeypatch.setattr(reading_queries, "PIECE", 7)
     out = tmp_path / "run.csv"
     out.write_text("as before")
     scale = OutputScale(output_unit="mA", gravity_m_s2=9.81, nominal_scale=1.3)

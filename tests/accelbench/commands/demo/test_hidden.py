@@ -9,7 +9,7 @@ import pytest
 
 from accelbench.commands.demo import hidden as demo_hidden
 from accelbench.commands.demo.hidden_page import NextRun, next_run_lines
-from accelbench.commands.demo.steps import Steps
+from accelbench.commands.demo.steps import DemoSteps
 from thermo.compensation.model_file import read_model
 from thermo.discrepancy.find import DRAWS
 from thermo.library import term
@@ -126,7 +126,7 @@ def test_what_belonged_to_its_moment_is_compared_without_level_and_slope() -> No
 def test_the_time_left_follows_the_weights(monkeypatch):
     told, clock = [], iter([0.0, 30.0, 40.0])
     monkeypatch.setattr("accelbench.commands.demo.steps.time.monotonic", lambda: next(clock))
-    steps = Steps(told.append, [3.0, 1.0, 2.0])
+    steps = DemoSteps(told.append, [3.0, 1.0, 2.0])
     steps.next("a night")
     steps.next("a search")
     steps.add(4.0)

@@ -13,8 +13,8 @@ from errormodel.errors import InputError
 from errormodel.io.toml import read_toml
 from errormodel.statistics.robust import longest_increasing
 from thermo.recording.check import Table, build
-from thermo.recording.foreign_log import Log, chosen_rows, matching, read_log
-from thermo.recording.foreign_map import Accelerometer, LogMap, Temperature, TimeColumn, Value
+from thermo.recording.foreign.log import Log, chosen_rows, matching, read_log
+from thermo.recording.foreign.map import Accelerometer, LogMap, Temperature, TimeColumn, Value
 from thermo.recording.readings_check import flag_readings
 from thermo.recording.runs import FORCES, BoolArray, FloatArray, IntArray, Labels, RecordedRuns
 from thermo.recording.units_check import unit_complaints
@@ -34,7 +34,7 @@ def import_log(file: Path | str, map_file: Path | str) -> RecordedRuns:
     file : path
         The log: delimited text.
     map_file : path
-        The mapping, TOML, see `thermo.recording.foreign_map.LogMap`.
+        The mapping, TOML, see `thermo.recording.foreign.map.LogMap`.
 
     Returns
     -------

@@ -13,7 +13,7 @@ import numpy as np
 from errormodel.errors import InputError
 from errormodel.io import memory
 from errormodel.io.tables import NUMBER
-from thermo.recording.foreign_map import Column, FileFormat, Rows, Where
+from thermo.recording.foreign.map import Column, FileFormat, RowSelection, Where
 from thermo.recording.runs import BoolArray, FloatArray
 
 log = logging.getLogger(__name__)
@@ -140,7 +140,7 @@ def read_log(path: Path, form: FileFormat) -> Log:
     return Log(path, names, rows[first:], lines[first:], form.decimal)
 
 
-def chosen_rows(log: Log, rows: Rows) -> Log:
+def chosen_rows(log: Log, rows: RowSelection) -> Log:
     """Return the rows that the mapping asks for.
 
     Raises

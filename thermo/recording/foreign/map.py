@@ -45,13 +45,13 @@ UNITS = {
 Unit: TypeAlias = Literal["m/s2", "g", "mg", "ug", "A", "mA", "uA", "V", "mV", "uV", "count"]
 
 
-class Section(BaseModel):
+class MappingTable(BaseModel):
     """A table of the mapping file; a key it does not know is an error."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
-class FileFormat(Section):
+class FileFormat(MappingTable):
     """Format of cells and lines."""
 
     delimiter: Annotated[str, Field(min_length=1, max_length=1)] = ","
@@ -81,7 +81,7 @@ class FileFormat(Section):
         return self
 
 
-class TimeColumn(Section):
+class TimeColumn(MappingTable):
     """Time of a row: a number of `unit` (or of `scale` seconds), or a date by `format`.
 
     With `date` the day stands in a column of its own; `format` then is of both, joined by a blank.
@@ -144,7 +144,7 @@ class TimeColumn(Section):
         return self.scale if self.scale is not None else TIME_UNITS_S[self.unit or "s"]
 
 
-class Temperature(Section):
+class Temperature(MappingTable):
     """A column of temperatures."""
 
     column: Column
@@ -153,7 +153,7 @@ class Temperature(Section):
     offset: Finite = 0.0
 
 
-class RecordedSignal(Section):
+class RecordedSignal(MappingTable):
     """A column of a recorded signal (`thermo.recording.signals`): scale · cell + offset."""
 
     column: Column
@@ -161,14 +161,14 @@ class RecordedSignal(Section):
     offset: Finite = 0.0
 
 
-class Where(Section):
+class Where(MappingTable):
     """Rows in which a column equals a text, or a number."""
 
     column: Column
     equals: Annotated[str, Field(strict=True)] | Finite
 
 
-class Runs(Section):
+class Runs(MappingTable):
     """Which run a row belongs to: one id for all, a column, or a new run after each gap in time."""
 
     id: Name | None = None
@@ -182,7 +182,7 @@ class Runs(Section):
         return self
 
 
-class Accelerometer(Section):
+class Accelerometer(MappingTable):
     """One accelerometer: which column is its output, and how it stood."""
 
     serial: Name
@@ -217,7 +217,7 @@ class Output(Sidecar):
     """Unit and scale of the recorded run's outputs; as in its sidecar."""
 
 
-class FlagRule(Section):
+class FlagRule(MappingTable):
     """Rows in which a column is not what it should be get a flag."""
 
     column: Column
@@ -225,7 +225,7 @@ class FlagRule(Section):
     flag: Name = "status"
 
 
-class Rows(Section):
+class RowSelection(MappingTable):
     """Which rows to take, counted from 1 without header and comments."""
 
     first: Annotated[int, Field(ge=1)] = 1
@@ -233,7 +233,7 @@ class Rows(Section):
     only: Where | None = None
 
 
-class LogMap(Section):
+class LogMap(MappingTable):
     """A whole mapping file."""
 
     file: FileFormat = FileFormat()
@@ -245,7 +245,7 @@ class LogMap(Section):
     accelerometers: Annotated[tuple[Accelerometer, ...], Field(min_length=1)]
     output: Output
     flag: tuple[FlagRule, ...] = ()
-    rows: Rows = Rows()
+    rows: RowSelection = RowSelection()
     on_bad_row: Literal["error", "flag"] = "error"
 
     @model_validator(mode="after")

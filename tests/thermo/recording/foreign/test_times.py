@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from errormodel.errors import InputError
-from tests.thermo.recording.test_foreign import changed, run
+from tests.thermo.recording.foreign.sample_log import changed, run
 from thermo.recording.files import RecordedRuns, read_runs, write_runs
 
 BERLIN = 'format = "%d.%m.%Y %H:%M:%S"\nzone = "Europe/Berlin"'

@@ -14,7 +14,7 @@ from tests.thermo.run_in.examples import (
     series_of,
     stretched,
 )
-from thermo.run_in.verdict import judge_run_in
+from thermo.run_in.judge import judge_run_in
 
 
 def campaign(law: Law, seeds: int) -> list[Stopped]:

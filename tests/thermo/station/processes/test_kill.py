@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.thermo.station.processes import (
+from tests.thermo.station.processes.processes import (
     Controller,
     chamber_config,
     hold,

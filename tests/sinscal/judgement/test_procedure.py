@@ -10,8 +10,9 @@ from scipy.stats import chi2
 from errormodel.errors import InputError
 from sinscal.filter.data import RigNoise
 from sinscal.frames.earth import Site
-from sinscal.judgement.judge import Options, calibrate_and_judge
-from sinscal.recording.join import join_runs
+from sinscal.judgement.options import Options
+from sinscal.judgement.procedure import calibrate_and_judge
+from sinscal.recording.join import join_rig_runs
 from tests.sinscal.twin import make_twin
 
 QUICK = Options(hold_out="none")
@@ -122,9 +123,9 @@ def test_temperatures_are_needed_by_what_depends_on_them() -> None:
 def test_runs_joined_are_worth_what_one_run_is() -> None:
     whole = make_twin(1).run
     parts = [whole.take_cycles([0]), whole.take_cycles([1, 2])]
-    joined = join_runs(parts)
+    joined = join_rig_runs(parts)
     assert joined.facts == whole.facts
     np.testing.assert_array_equal(joined.gyro, whole.gyro)
     np.testing.assert_array_equal(joined.cycle, whole.cycle)
     with pytest.raises(InputError, match="differs"):
-        join_runs([parts[0], replace(parts[1], facts=replace(whole.facts, accel_noise=2e-3))])
+        join_rig_runs([parts[0], replace(parts[1], facts=replace(whole.facts, accel_noise=2e-3))])

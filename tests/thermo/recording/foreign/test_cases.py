@@ -13,9 +13,9 @@ import pytest
 from errormodel.errors import InputError
 from thermo.fitting.fit import fit_runs
 from thermo.recording.files import RecordedRuns, read_runs, write_runs
-from thermo.recording.foreign import import_log
+from thermo.recording.foreign.read import import_log
 
-CASES = Path(__file__).parents[2] / "cases"
+CASES = Path(__file__).parents[3] / "cases"
 TRUTH = {"k1": 1.0, "k1_t1": 120e-6, "k0": 1500e-6, "k0_t1": 30e-6}
 
 
