@@ -15,11 +15,16 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class PythonFile:
-    """A file that was run: where it is, the SHA-256 of its text, and what it defines."""
+    """A file that was run: where it is, its text, and what it defines."""
 
     path: Path
-    sha256: str
+    content: bytes
     module: ModuleType
+
+    @property
+    def sha256(self) -> str:
+        """SHA-256 of its text."""
+        return hashlib.sha256(self.content).hexdigest()
 
     @property
     def source(self) -> str:
@@ -91,7 +96,7 @@ def run_python_text(path: Path, content: bytes) -> PythonFile:
         exec(compile(content, str(path), "exec"), module.__dict__)
     except Exception as err:
         raise InputError(path, "", f"{type(err).__name__}: {err}") from None
-    return PythonFile(path=path, sha256=hashlib.sha256(content).hexdigest(), module=module)
+    return PythonFile(path=path, content=content, module=module)
 
 
 def members_of(file: PythonFile, name: str, kind: type[T]) -> tuple[T, ...]:

@@ -203,7 +203,7 @@ def _discrepancy(
         source, choices, heldout = shape.source_with(source), shape.choices, shape.heldout
     before, after = source.fitted((), floor.noise), source.fitted(choices, floor.noise)
     plain = source.fitted((), EQUAL), source.fitted(choices, EQUAL)
-    where = _where(conclusion.places, judgement)
+    where = _where(conclusion.places, judgement, shape)
     serial = source.channel.serial
     return Discrepancy(
         **conclusion.inherited,
@@ -216,7 +216,7 @@ def _discrepancy(
         plain_after=plain[1],
         effects=effects_found(source, after, result, floor) if named else (),
         where=where,
-        where_text=where_text(source, where, judgement),
+        where_text=where_text(source, where, judgement, shape),
         rms_before_ug=rms(reading_residual_ug(source.channel, plain[0])),
         rms_after_ug=rms(reading_residual_ug(source.channel, plain[1])),
         floor_ug=floor_ug(source, after, floor, result.problem(()).saturated),
@@ -237,8 +237,17 @@ def _fit_first(source: ThermalSource, result: SearchState, after: Fitted) -> tup
     return tuple(n for n in names if n not in after.idle)
 
 
-def _where(places: Sequence[FactorFinding], verdict: Judgement) -> FactorFinding | None:
-    """Return the factor that carries the excess; for what is unexplained, one of its kind."""
+def _where(
+    places: Sequence[FactorFinding], verdict: Judgement, shape: ShapeFound | None
+) -> FactorFinding | None:
+    """Return the factor that carries the excess; for what is unexplained, one of its kind.
+
+    Where there is a shape, it is its quantity, with what the shape explains.
+    """
+    if shape is not None:
+        name, gain = shape.pattern.quantity, shape.pattern.shape.gain
+        chance = next((f.p_value for f in places if f.name == name), float("nan"))
+        return FactorFinding(name=name, repeatable=True, excess=gain, score=gain, p_value=chance)
     kind = {"unexplained_repeatable": True, "unexplained_noise": False}.get(verdict.verdict)
     fitting = [f for f in places if kind is None or f.repeatable == kind]
     return fitting[0] if fitting else None

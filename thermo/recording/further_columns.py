@@ -45,7 +45,9 @@ def further_columns(
     for name in (n for n in names if n not in (*KEYS, "flag")):
         problem = next(filter(None, (_problem(table, name) for table in tables)), "")
         if not problem and len(taken) == MOST_COLUMNS:
-            problem = f"{MOST_COLUMNS} are looked at; declare it by --library to have it before them"
+            problem = (
+                f"{MOST_COLUMNS} are looked at; declare it by --library to have it before them"
+            )
         if problem:
             tell(f"column {name} is not looked at: {problem}")
         else:
@@ -58,9 +60,7 @@ def further_columns(
 def signal_of_column(name: str) -> Signal:
     """Return the signal that is a recorded column: the one declared, or one of its name."""
     declared = {one.name: one for one in signals()}
-    return declared.get(name) or Signal(
-        name=name, unit="", sentence=_sentence(name), recorded=True
-    )
+    return declared.get(name) or Signal(name=name, unit="", sentence=_sentence(name), recorded=True)
 
 
 def _sentence(name: str) -> str:
