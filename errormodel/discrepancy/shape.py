@@ -182,6 +182,8 @@ class Formula:
     at : float
         Its nonlinear parameter, in the quantity's unit: a period, a constant, a place; of a power,
         its exponent.
+    over : tuple of float
+        The least value of the quantity, and its range.
     size : ndarray
         Its coefficients, in the residual's unit.
     gain : float
@@ -192,9 +194,14 @@ class Formula:
 
     family: str
     at: float
+    over: tuple[float, float]
     size: FloatArray
     gain: float
     parameters: int
+
+    def values(self, x: FloatArray) -> FloatArray:
+        """Return the formula at values of the quantity, in the residual's unit."""
+        return _formula_columns(self.family, self.at, x, *self.over) @ self.size
 
     @property
     def amplitude(self) -> float:
@@ -215,22 +222,46 @@ def best_formula(view: View, x: FloatArray, times: FloatArray) -> Formula | None
     family, at, columns = trials[k]
     white = view.beside_base(view.white(columns * times[:, None]))
     size = np.linalg.lstsq(white, view.beside_base(view.data[:, None])[:, 0], rcond=1e-9)[0]
-    return Formula(family=family, at=at, size=size, gain=float(gains[k]), parameters=int(free[k]))
+    return Formula(
+        family=family,
+        at=at,
+        over=(float(x.min()), float(np.ptp(x))),
+        size=size,
+        gain=float(gains[k]),
+        parameters=int(free[k]),
+    )
 
 
 def _formulas(x: FloatArray) -> Iterator[tuple[str, float, FloatArray]]:
     """Yield formulas: family, nonlinear parameter, columns."""
     lo, span = float(x.min()), float(np.ptp(x))
-    about = x - lo - 0.5 * span
-    for order in (1, 2, 3):
-        yield "power", float(order), (about[:, None] / (0.5 * span)) ** order
+    for family, at in _families(lo, span):
+        yield family, at, _formula_columns(family, at, x, lo, span)
+
+
+def _families(lo: float, span: float) -> Iterator[tuple[str, float]]:
+    for order in (1.0, 2.0, 3.0):
+        yield "power", order
     for share in np.geomspace(0.02, 1.0, 18).tolist():
-        yield "exponential", share * span, np.exp(-(x - lo) / (share * span))[:, None]
-        yield "exponential", -share * span, np.exp((x - lo - span) / (share * span))[:, None]
+        yield "exponential", share * span
+        yield "exponential", -share * span
     for cycles in np.arange(0.75, 13.0, 0.125).tolist():
-        angle = 2.0 * np.pi * cycles * (x - lo) / span
-        yield "sine", span / cycles, np.column_stack([np.sin(angle), np.cos(angle)])
+        yield "sine", span / cycles
     for share in np.linspace(0.05, 0.95, 37).tolist():
-        at = lo + share * span
-        yield "kink", at, np.maximum(x - at, 0.0)[:, None] / span
-        yield "step", at, (x > at).astype(float)[:, None]
+        yield "kink", lo + share * span
+        yield "step", lo + share * span
+
+
+def _formula_columns(family: str, at: float, x: FloatArray, lo: float, span: float) -> FloatArray:
+    """Return a formula's columns, shape (n, 1) or (n, 2)."""
+    if family == "power":
+        return ((x - lo - 0.5 * span)[:, None] / (0.5 * span)) ** at
+    if family == "exponential":
+        begin = lo if at > 0.0 else lo + span
+        return np.exp(-(x - begin) / at)[:, None]
+    if family == "sine":
+        angle = 2.0 * np.pi * (x - lo) / at
+        return np.column_stack([np.sin(angle), np.cos(angle)])
+    if family == "kink":
+        return np.maximum(x - at, 0.0)[:, None] / span
+    return (x > at).astype(float)[:, None]

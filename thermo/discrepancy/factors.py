@@ -13,7 +13,8 @@ from thermo.discrepancy.blocks import Blocks
 from thermo.library import quantities
 from thermo.library.quantities import DAY_H, Quantity, of_signal
 from thermo.recording.channel import HOLD, Channel
-from thermo.recording.signals import recorded_signals
+from thermo.recording.further_columns import signal_of_column
+from thermo.recording.signals import signals
 
 FINE_C, COARSE_C = 4.0, 12.0
 TIME_KNOT_S = 1500.0
@@ -259,6 +260,7 @@ SEVERAL_RUNS = frozenset({"time_in_run", "since_ramp_change", "turned_at", "run"
 def kinds_in(seen: Seen) -> Iterator[FactorKind]:
     """Yield the kinds of factors whose signals are recorded, the user's columns among them."""
     known = seen.channel.record.signals
+    of_program = {one.name for one in signals() if not one.recorded}
     columns = (
         FactorKind(
             quantity=of_signal(
@@ -267,7 +269,7 @@ def kinds_in(seen: Seen) -> Iterator[FactorKind]:
             groups=_over,
             held=_few,
         )
-        for one in recorded_signals()
+        for one in (signal_of_column(name) for name in known if name not in of_program)
     )
     for kind in (*KINDS, *columns):
         if kind.quantity.needs <= set(known):

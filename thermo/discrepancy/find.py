@@ -5,6 +5,7 @@ the recorded inputs and compared with the outputs; the residual is located, a li
 effects is tried, and the named effect is added and tested on held-out runs.
 """
 
+import itertools
 from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
@@ -30,6 +31,7 @@ from thermo.discrepancy.shape import ShapeFound
 from thermo.discrepancy.shared import SearchedChannel, SharedEffect, shared_effects
 from thermo.discrepancy.words import EffectFound, effects_found, where_text
 from thermo.fitting.fit import TermsFile
+from thermo.library import thermal_library
 from thermo.library.effects import ThermalEffect
 from thermo.recording.channel import Channel, channel_of, refuse_without_signals
 from thermo.recording.files import RecordedRuns
@@ -169,6 +171,13 @@ def find_discrepancy(
     return tuple(made)
 
 
+def _shape_names(count: int) -> list[str]:
+    """Return names for effects without one: numbered on from those that a library has."""
+    taken = thermal_library().terms
+    free = (name for k in itertools.count(1) if (name := f"{SHAPE_NAME}_{k}") not in taken)
+    return list(itertools.islice(free, count))
+
+
 def _baseline(model: TermsFile | Literal["bare"] | None, channel: Channel) -> ErrorModel:
     """Return the present model of an accelerometer."""
     if model == "bare":
@@ -199,7 +208,7 @@ def _discrepancy(
         source, choices, heldout = shape.source_with(source), shape.choices, shape.heldout
     before, after = source.fitted((), floor.noise), source.fitted(choices, floor.noise)
     plain = source.fitted((), EQUAL), source.fitted(choices, EQUAL)
-    where = _where(conclusion.places, judgement)
+    where = _where(conclusion.places, judgement, shape)
     serial = source.channel.serial
     return Discrepancy(
         **conclusion.inherited,
@@ -212,7 +221,7 @@ def _discrepancy(
         plain_after=plain[1],
         effects=effects_found(source, after, result, floor) if named else (),
         where=where,
-        where_text=where_text(source, where, judgement),
+        where_text=where_text(source, where, judgement, shape),
         rms_before_ug=rms(reading_residual_ug(source.channel, plain[0])),
         rms_after_ug=rms(reading_residual_ug(source.channel, plain[1])),
         floor_ug=floor_ug(source, after, floor, result.problem(()).saturated),

@@ -223,7 +223,7 @@ def find_shape(
     if heldout is None or heldout.after_ug**2 > (1.0 - PREDICTS) * heldout.before_ug**2:
         return None
     view = View(source.problem(tuple(beside), noise), noise)
-    x, times = _values(source.seen, pattern.quantity, pattern.times)
+    x, times = factor_by_block(source.seen, pattern.quantity, pattern.times)
     formula = best_formula(view, x, times)
     if formula is not None and not _as_good(formula, pattern.shape):
         formula = None
@@ -256,7 +256,7 @@ def likeliest_pattern(
     for quantity, times in _trials(source.seen):
         if rivals and quantity in OF_THE_PROGRAMME:
             continue
-        x, by = _values(source.seen, quantity, times)
+        x, by = factor_by_block(source.seen, quantity, times)
         shape = fit_shape(view, x, by, knots_of(x))
         if shape is not None:
             score = 2.0 * shape.evidence - (PRICE if times else 0.0)
@@ -279,7 +279,7 @@ def _gap_without(
     try:
         others = ThermalSource(seen, source.model, source.effects)
         view = View(others.problem(tuple(beside), noise), noise)
-        x, by = _values(others.seen, pattern.quantity, pattern.times)
+        x, by = factor_by_block(others.seen, pattern.quantity, pattern.times)
         shape = fit_shape(view, x, by, pattern.shape.knots)
         if shape is None:
             return gap_of_run(source, run, others, beside)
@@ -303,7 +303,7 @@ def _trials(seen: Seen) -> Iterator[tuple[str, str]]:
             yield name, times
 
 
-def _values(seen: Seen, quantity: str, times: str) -> tuple[FloatArray, FloatArray]:
+def factor_by_block(seen: Seen, quantity: str, times: str) -> tuple[FloatArray, FloatArray]:
     """Return a quantity by block, and what its function is multiplied by."""
     x = seen.of(quantity_of(quantity))
     if times == "input":
@@ -319,7 +319,7 @@ def _as_good(formula: Formula, shape: Shape) -> bool:
     return shape.gain - formula.gain < max(PRICE, 0.05 * shape.gain) + saved
 
 
-_TIMES_WORDS = {
+TIMES_WORDS = {
     "": "",
     "input": ", in proportion to the input",
     "direction": ", with the sign of heating or cooling",
@@ -336,12 +336,12 @@ def _sentence(pattern: Pattern, formula: Formula | None) -> str:
     text = f"An effect without a name: {peak:.2g} {unit}"
     if formula is not None and formula.family == "sine":
         text += f" with a period of {formula.at:.3g} {quantity.unit}".rstrip()
-    return f"{text}; it {quantity.words}{_TIMES_WORDS[pattern.times]}."
+    return f"{text}; it {quantity.words}{TIMES_WORDS[pattern.times]}."
 
 
 def formula_words(found: ShapeFound) -> str | None:
     """Return the short formula in words, with what it loses; None without one."""
-    formula, shape = found.formula, found.pattern.shape
+    formula = found.formula
     if formula is None:
         return None
     quantity = quantity_of(found.pattern.quantity)
@@ -353,8 +353,17 @@ def formula_words(found: ShapeFound) -> str | None:
         "kink": f"a kink at {at}",
         "step": f"a step at {at}",
     }[formula.family]
-    lost = max(0.0, 1.0 - formula.gain / shape.gain)
-    return f"{words} explains as much with {formula.parameters} parameters, but for {lost:.1%}"
+    return (
+        f"{words} explains as much with {formula.parameters} parameters, but for "
+        f"{100.0 * lost_share(found):.1f} %"
+    )
+
+
+def lost_share(found: ShapeFound) -> float:
+    """Return the share of what a shape explains that its short formula does not; 0 without one."""
+    if found.formula is None:
+        return 0.0
+    return max(0.0, 1.0 - found.formula.gain / found.pattern.shape.gain)
 
 
 def library_text(shapes: Sequence[ShapeFound], columns: Sequence[Signal] = ()) -> str:

@@ -13,6 +13,7 @@ from errormodel.noise.model import NoiseFit
 from thermo.discrepancy.factors import factor_kind
 from thermo.discrepancy.problem.refit import Fitted
 from thermo.discrepancy.problem.source import ThermalSource
+from thermo.discrepancy.shape import TIMES_WORDS, ShapeFound
 from thermo.library import thermal_library
 
 
@@ -44,7 +45,7 @@ def parameter_values(
     fitted: Fitted, source: ThermalSource, floor: NoiseFit
 ) -> dict[str, ParameterValue]:
     """Return every parameter of a fitted model with its sigma under the noise, as reported."""
-    covariance = _covariance(fitted, source, floor)
+    covariance = fitted_covariance(fitted, source, floor)
     # what two columns share beyond rounding has no sigma
     variances = np.where(np.diag(covariance) > 0.0, np.diag(covariance), np.nan)
     sigmas = dict(zip(fitted.free, np.sqrt(variances).tolist(), strict=True))
@@ -64,7 +65,8 @@ def _units(model: ErrorModel, scale: float, unit: str) -> dict[str, tuple[float,
     return {**known, **({"k1": (scale, f"{unit}/g")} if "k1" in known else {})}
 
 
-def _covariance(fitted: Fitted, source: ThermalSource, floor: NoiseFit) -> FloatArray:
+def fitted_covariance(fitted: Fitted, source: ThermalSource, floor: NoiseFit) -> FloatArray:
+    """Return the covariance of the free parameters under the noise, in the model's unit."""
     whitener = floor.noise.whitener(source.blocks.times)
     white = whitener.whiten(fitted.jacobian) / floor.noise.white
     norms = np.linalg.norm(white, axis=0)
@@ -118,11 +120,19 @@ def _digits(value: ParameterValue) -> str:
     return f"{value.value:.{digits}f} ± {value.sigma:.{digits}f}".replace("-", "−")
 
 
-def where_text(source: ThermalSource, where: FactorFinding | None, judgement: Judgement) -> str:
-    """Say where the measurement and the model disagree."""
+def where_text(
+    source: ThermalSource,
+    where: FactorFinding | None,
+    judgement: Judgement,
+    shape: ShapeFound | None = None,
+) -> str:
+    """Say where the measurement and the model disagree, the names where some stand."""
     if where is None:
         return "Nowhere more than the noise: what is left does not repeat and is no larger than it."
-    text = f"What the model leaves {factor_kind(source.seen, where.name).quantity.words}"
+    what = "What the names leave" if shape and judgement.names_stand else "What the model leaves"
+    text = f"{what} {factor_kind(source.seen, where.name).quantity.words}"
+    if shape is not None:
+        text += TIMES_WORDS[shape.pattern.times]
     if judgement.bursts > 6.0 and judgement.verdict == "unexplained_noise":
         text += ", in bursts"
     if where.excess < 1.0:

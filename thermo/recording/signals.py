@@ -294,9 +294,13 @@ RESERVED = frozenset(
 
 
 def signals_of(at: Conditions) -> dict[str, FloatArray]:
-    """Return every signal that there is of some readings, by name."""
+    """Return every signal that there is of some readings, by name.
+
+    A recorded column that nothing declares any more is one, too: it was asked for in reading.
+    """
     made = {one.name: one.values(at) for one in signals()}
-    return {name: values for name, values in made.items() if values is not None}
+    columns = {name: values for name, values in at.columns.items() if name not in made}
+    return {**columns, **{name: values for name, values in made.items() if values is not None}}
 
 
 def emulated_columns(at: Conditions, names: Sequence[str] | None = None) -> dict[str, FloatArray]:

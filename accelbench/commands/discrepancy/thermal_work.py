@@ -4,10 +4,17 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
 
-from accelbench.commands.discrepancy.larger_model import model_files, model_lines, model_paths
+from accelbench.commands.discrepancy.larger_model import (
+    library_path,
+    model_files,
+    model_lines,
+    model_paths,
+    shape_library,
+)
 from accelbench.commands.discrepancy.options import tell
 from accelbench.commands.discrepancy.text import discrepancy_document, discrepancy_text
 from accelbench.shell.inputs import add_reading_counts, read_with_doubts
+from accelbench.shell.library import library_paths
 from accelbench.shell.outputs import Results, check_results, checked_output, with_sidecars
 from thermo.compensation.model_file import read_model
 from thermo.discrepancy.find import Discrepancy, find_discrepancy
@@ -26,24 +33,40 @@ def discrepancy_thermal(
     experiment_out: Path | None,
     seed: int,
     workers: int,
+    no_shape: bool,
     trust_units: bool,
     force: bool,
     as_json: bool,
 ) -> int:
     """Carry out `accelbench discrepancy thermal`; the arguments are its options."""
     given = [p for p in (model,) if p and p != BARE]
-    inputs = [*with_sidecars(list(files)), *given]
+    inputs = [*with_sidecars(list(files)), *given, *library_paths()]
     for path in (p for p in (out, experiment_out) if p):
         checked_output(path, inputs, force=force)
     check_results(None, report, [], force=force)
-    runs, doubts = read_with_doubts(list(files), trust_units=trust_units)
+    runs, doubts = read_with_doubts(
+        list(files), trust_units=trust_units, more_columns=True, tell=tell
+    )
     for path in model_paths(out, len(runs.serials))[1:] if out is not None else ():
         checked_output(path, inputs, force=force)
-    found = find_discrepancy(runs, model=_present(model), seed=seed, workers=workers, tell=tell)
-    results = Results(discrepancy_document(found), [*discrepancy_text(found), *doubts])
+    if out is not None and not no_shape:
+        checked_output(library_path(out), inputs, force=force)
+    found = find_discrepancy(
+        runs,
+        model=_present(model),
+        seed=seed,
+        workers=workers,
+        with_shape=not no_shape,
+        tell=tell,
+    )
+    library = shape_library(found, out) if out is not None else None
+    document = discrepancy_document(found, library.path if library else None)
+    results = Results(document, [*discrepancy_text(found), *doubts])
     add_reading_counts(results.document, runs, doubts)
     if out is not None:
-        results.add_files("out", out, model_files(runs, found, out), model_lines(found, out))
+        files_made = model_files(runs, found, out, library)
+        lines = model_lines(found, out, library_paths())
+        results.add_files("out", out, files_made, lines)
     if experiment_out is not None:
         proposed = _experiment_file(found, experiment_out)
         line = f"experiment: {experiment_out}" if proposed else NO_EXPERIMENT
