@@ -27,7 +27,7 @@ from thermo.discrepancy.input import check_channel, in_own_scale
 from thermo.discrepancy.measurement import ChamberRuns
 from thermo.discrepancy.problem.refit import Fitted
 from thermo.discrepancy.problem.source import ThermalSource
-from thermo.discrepancy.shape import ShapeFound
+from thermo.discrepancy.shape.found import ShapeFound
 from thermo.discrepancy.shared import SearchedChannel, SharedEffect, shared_effects
 from thermo.discrepancy.words import EffectFound, effects_found, where_text
 from thermo.fitting.fit import TermsFile
@@ -157,7 +157,7 @@ def find_discrepancy(
         check_channel(channel, runs.source)
     channels = [in_own_scale(channel) for channel in channels]
     sources = [ThermalSource(c, mounted(_baseline(model, c), c), effects) for c in channels]
-    names = [f"{SHAPE_NAME}_{k + 1}" if with_shape else None for k in range(len(sources))]
+    names = _shape_names(len(sources)) if with_shape else [None] * len(sources)
     runs_of = [ChamberRuns(s, name, limits) for s, name in zip(sources, names, strict=True)]
     found = investigate(runs_of, settings)
     shared = shared_effects(
@@ -242,8 +242,17 @@ def _fit_first(source: ThermalSource, result: SearchState, after: Fitted) -> tup
     return tuple(n for n in names if n not in after.idle)
 
 
-def _where(places: Sequence[FactorFinding], verdict: Judgement) -> FactorFinding | None:
-    """Return the factor that explains the excess; for an unexplained verdict, one of its kind."""
+def _where(
+    places: Sequence[FactorFinding], verdict: Judgement, shape: ShapeFound | None
+) -> FactorFinding | None:
+    """Return the factor that explains the excess; for an unexplained verdict, one of its kind.
+
+    Where there is a shape, it is its quantity, with what the shape explains.
+    """
+    if shape is not None:
+        name, gain = shape.pattern.quantity, shape.pattern.shape.gain
+        chance = next((f.p_value for f in places if f.name == name), float("nan"))
+        return FactorFinding(name=name, repeatable=True, excess=gain, score=gain, p_value=chance)
     kind = {"unexplained_repeatable": True, "unexplained_noise": False}.get(verdict.verdict)
     fitting = [f for f in places if kind is None or f.repeatable == kind]
     return fitting[0] if fitting else None

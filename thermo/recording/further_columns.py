@@ -40,7 +40,8 @@ def further_columns(
         Told in a line which columns are taken, and why others are not.
     """
     tables = [_candidates(Path(path)) for path in paths]
-    names = [n for n in tables[0] if all(n in table for table in tables)] if tables else []
+    first = [str(n) for n in tables[0].columns] if tables else []
+    names = [n for n in first if all(n in table for table in tables)]
     taken: list[str] = []
     for name in (n for n in names if n not in (*KEYS, "flag")):
         problem = next(filter(None, (_problem(table, name) for table in tables)), "")
@@ -89,7 +90,11 @@ def _read(path: Path, names: Sequence[str]) -> pd.DataFrame:
     reader: Any = pd  # its readers have too many types
     if path.suffix.lower() in PARQUET_SUFFIXES:
         return reader.read_parquet(path, columns=list(names))
-    return reader.read_csv(path, usecols=lambda name: name.strip() in names, low_memory=False)
+
+    def wanted(name: str) -> bool:
+        return name.strip() in names
+
+    return reader.read_csv(path, usecols=wanted, low_memory=False)
 
 
 def _problem(table: pd.DataFrame, name: str) -> str:
@@ -100,7 +105,7 @@ def _problem(table: pd.DataFrame, name: str) -> str:
     values = table[name].to_numpy(dtype=float)[good]
     if not (values.size and np.all(np.isfinite(values)) and np.all(np.abs(values) < LARGEST)):
         return "a good reading has no value of it"
-    rows = table[good]
+    rows: pd.DataFrame = table.loc[good]
     if not any(_rises_and_falls(part) for part in _runs_of(rows, values)):
         return "it does not rise and fall within a run"
     if _is_copy(values, rows["output"].to_numpy(dtype=float)):
