@@ -105,7 +105,7 @@ def _problem(table: pd.DataFrame, name: str) -> str:
     values = table[name].to_numpy(dtype=float)[good]
     if not (values.size and np.all(np.isfinite(values)) and np.all(np.abs(values) < LARGEST)):
         return "a good reading has no value of it"
-    rows: pd.DataFrame = table.loc[good]
+    rows = table.take(np.flatnonzero(good))
     if not any(_rises_and_falls(part) for part in _runs_of(rows, values)):
         return "it does not rise and fall within a run"
     if _is_copy(values, rows["output"].to_numpy(dtype=float)):
