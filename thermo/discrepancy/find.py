@@ -242,8 +242,17 @@ def _fit_first(source: ThermalSource, result: SearchState, after: Fitted) -> tup
     return tuple(n for n in names if n not in after.idle)
 
 
-def _where(places: Sequence[FactorFinding], verdict: Judgement) -> FactorFinding | None:
-    """Return the factor that explains the excess; for an unexplained verdict, one of its kind."""
+def _where(
+    places: Sequence[FactorFinding], verdict: Judgement, shape: ShapeFound | None
+) -> FactorFinding | None:
+    """Return the factor that explains the excess; for an unexplained verdict, one of its kind.
+
+    Where there is a shape, it is its quantity, with what the shape explains.
+    """
+    if shape is not None:
+        name, gain = shape.pattern.quantity, shape.pattern.shape.gain
+        chance = next((f.p_value for f in places if f.name == name), float("nan"))
+        return FactorFinding(name=name, repeatable=True, excess=gain, score=gain, p_value=chance)
     kind = {"unexplained_repeatable": True, "unexplained_noise": False}.get(verdict.verdict)
     fitting = [f for f in places if kind is None or f.repeatable == kind]
     return fitting[0] if fitting else None

@@ -40,7 +40,7 @@ def further_columns(
         Told in a line which columns are taken, and why others are not.
     """
     tables = [_candidates(Path(path)) for path in paths]
-    names = [n for n in tables[0] if all(n in table for table in tables)] if tables else []
+    names = [str(n) for n in tables[0] if all(n in table for table in tables)] if tables else []
     taken: list[str] = []
     for name in (n for n in names if n not in (*KEYS, "flag")):
         problem = next(filter(None, (_problem(table, name) for table in tables)), "")
@@ -89,10 +89,14 @@ def _read(path: Path, names: Sequence[str]) -> pd.DataFrame:
     reader: Any = pd  # its readers have too many types
     if path.suffix.lower() in PARQUET_SUFFIXES:
         return reader.read_parquet(path, columns=list(names))
-    return reader.read_csv(path, usecols=lambda name: name.strip() in names, low_memory=False)
+
+    def wanted(name: str) -> bool:
+        return name.strip() in names
+
+    return reader.read_csv(path, usecols=wanted, low_memory=False)
 
 
-def _problem(table: pd.DataFrame, name: str) -> str:
+def _problem(table: Any, name: str) -> str:
     """Say why a column is no condition that a residual could follow; empty if it is one."""
     if table[name].dtype.kind not in "iuf" or table["output"].dtype.kind not in "iuf":
         return "it holds more than numbers"
@@ -100,10 +104,11 @@ def _problem(table: pd.DataFrame, name: str) -> str:
     values = table[name].to_numpy(dtype=float)[good]
     if not (values.size and np.all(np.isfinite(values)) and np.all(np.abs(values) < LARGEST)):
         return "a good reading has no value of it"
-    rows = table[good]
+    rows: pd.DataFrame = table[good]
     if not any(_rises_and_falls(part) for part in _runs_of(rows, values)):
         return "it does not rise and fall within a run"
-    if _is_copy(values, rows["output"].to_numpy(dtype=float)):
+    output: FloatArray = table["output"].to_numpy(dtype=float)[good]
+    if _is_copy(values, output):
         return "it is the output over again"
     return ""
 

@@ -111,7 +111,8 @@ def next_run_lines(one: NextRun) -> tuple[str, ...]:
         f"{number(one.floor_ug)} µg."
     )
     if one.predictive:
-        return (text,)
+        ratio = number(one.gap_after_ug / one.floor_ug, 3)
+        return (text, f"With the larger model that is {ratio} times the noise.")
     slope, level_ug = one.line(one.after_ug).tolist()
     return (
         "The effect does not repeat: a model of earlier runs cannot predict the level and the "

@@ -10,6 +10,7 @@ from accelbench.commands.demo.hidden_page import NEXT_RUN_NAME, next_run_lines
 from accelbench.commands.discrepancy.text import discrepancy_document, discrepancy_text
 from accelbench.shell.console import number
 from thermo.discrepancy.smallest import smallest_nameable
+from thermo.twin.unknown import UNKNOWN
 
 
 def hidden_document(one: HiddenDemo) -> dict[str, Any]:
@@ -56,6 +57,8 @@ def hidden_text(one: HiddenDemo) -> Iterator[RenderableType]:
 
 
 def _judged(one: HiddenDemo) -> str:
+    if one.right and one.effect == UNKNOWN:
+        return "Rightly found to be in no library, and a shape built; nothing in the others."
     if one.right:
         return "Named rightly, and nothing in the others."
     mine = next(d for d in one.verdicts if d.serial == one.serial)
@@ -66,7 +69,7 @@ def _judged(one: HiddenDemo) -> str:
     elif said:
         text = f"Named wrongly: {', '.join(said)}"
     else:
-        text = f"Not named: {mine.verdict}"
+        text = f"{'No shape' if one.effect == UNKNOWN else 'Not named'}: {mine.verdict}"
         least = smallest_nameable(mine).get(one.effect)
         if least is not None:
             text += (

@@ -204,4 +204,5 @@ def _levelled(
     """Return a formula with what the model has besides: a level, over temperature a parabola."""
     order = 2 if quantity == "temperature" else 0
     about = x - x.mean()
-    return formula + np.polyval(np.polyfit(about, function - formula, order), about)
+    powers = np.vander(about, order + 1)
+    return formula + powers @ np.linalg.lstsq(powers, function - formula, rcond=None)[0]
