@@ -157,7 +157,7 @@ def find_discrepancy(
         check_channel(channel, runs.source)
     channels = [in_own_scale(channel) for channel in channels]
     sources = [ThermalSource(c, mounted(_baseline(model, c), c), effects) for c in channels]
-    names = [f"{SHAPE_NAME}_{k + 1}" if with_shape else None for k in range(len(sources))]
+    names = _shape_names(len(sources)) if with_shape else [None] * len(sources)
     runs_of = [ChamberRuns(s, name, limits) for s, name in zip(sources, names, strict=True)]
     found = investigate(runs_of, settings)
     shared = shared_effects(

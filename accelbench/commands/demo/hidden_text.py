@@ -27,6 +27,7 @@ def hidden_document(one: HiddenDemo) -> dict[str, Any]:
             "before_ug": beside.gap_before_ug,
             "after_ug": beside.gap_after_ug,
             "floor_ug": beside.floor_ug,
+            "over_noise": beside.over_noise,
             "predictive": beside.predictive,
             "level_after_ug": float(beside.line(beside.after_ug)[1]),
             "slope_after_ug_per_h": float(beside.line(beside.after_ug)[0]),
