@@ -27,7 +27,7 @@ from thermo.discrepancy.input import check_channel, in_own_scale
 from thermo.discrepancy.measurement import ChamberRuns
 from thermo.discrepancy.problem.refit import Fitted
 from thermo.discrepancy.problem.source import ThermalSource
-from thermo.discrepancy.shape import ShapeFound
+from thermo.discrepancy.shape.found import ShapeFound
 from thermo.discrepancy.shared import SearchedChannel, SharedEffect, shared_effects
 from thermo.discrepancy.words import EffectFound, effects_found, where_text
 from thermo.fitting.fit import TermsFile

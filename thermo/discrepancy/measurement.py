@@ -16,7 +16,7 @@ from thermo.discrepancy.experiment import Experiment, propose
 from thermo.discrepancy.experiment_menu import NO_LIMITS, Limits
 from thermo.discrepancy.held_out import RunGap, gap_of_run, reading_residual_ug
 from thermo.discrepancy.problem.source import ThermalSource
-from thermo.discrepancy.shape import against_shape
+from thermo.discrepancy.shape.found import against_shape
 from thermo.discrepancy.shared import SearchedChannel, Unlike, unlike_effects
 
 # Orders of temperature are equal in heating and cooling, so a history effect can be added.

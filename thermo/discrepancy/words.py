@@ -13,7 +13,8 @@ from errormodel.noise.model import NoiseFit
 from thermo.discrepancy.factors import factor_kind
 from thermo.discrepancy.problem.refit import Fitted
 from thermo.discrepancy.problem.source import ThermalSource
-from thermo.discrepancy.shape import TIMES_WORDS, ShapeFound
+from thermo.discrepancy.shape.found import ShapeFound
+from thermo.discrepancy.shape.pattern import TIMES_WORDS
 from thermo.library import thermal_library
 
 

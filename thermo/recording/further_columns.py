@@ -40,7 +40,8 @@ def further_columns(
         Told in a line which columns are taken, and why others are not.
     """
     tables = [_candidates(Path(path)) for path in paths]
-    names = [str(n) for n in tables[0] if all(n in table for table in tables)] if tables else []
+    first = [str(n) for n in tables[0].columns] if tables else []
+    names = [n for n in first if all(n in table for table in tables)]
     taken: list[str] = []
     for name in (n for n in names if n not in (*KEYS, "flag")):
         problem = next(filter(None, (_problem(table, name) for table in tables)), "")
@@ -96,7 +97,7 @@ def _read(path: Path, names: Sequence[str]) -> pd.DataFrame:
     return reader.read_csv(path, usecols=wanted, low_memory=False)
 
 
-def _problem(table: Any, name: str) -> str:
+def _problem(table: pd.DataFrame, name: str) -> str:
     """Say why a column is no condition that a residual could follow; empty if it is one."""
     if table[name].dtype.kind not in "iuf" or table["output"].dtype.kind not in "iuf":
         return "it holds more than numbers"
@@ -104,11 +105,10 @@ def _problem(table: Any, name: str) -> str:
     values = table[name].to_numpy(dtype=float)[good]
     if not (values.size and np.all(np.isfinite(values)) and np.all(np.abs(values) < LARGEST)):
         return "a good reading has no value of it"
-    rows: pd.DataFrame = table[good]
+    rows: pd.DataFrame = table.loc[good]
     if not any(_rises_and_falls(part) for part in _runs_of(rows, values)):
         return "it does not rise and fall within a run"
-    output: FloatArray = table["output"].to_numpy(dtype=float)[good]
-    if _is_copy(values, output):
+    if _is_copy(values, rows["output"].to_numpy(dtype=float)):
         return "it is the output over again"
     return ""
 

@@ -24,7 +24,7 @@ from accelbench.shell.plotting import (
 from errormodel.arrays import FloatArray
 from thermo.discrepancy.factors import factor_kind
 from thermo.discrepancy.find import Discrepancy
-from thermo.discrepancy.shape_curve import readings_of_shape, shape_curve
+from thermo.discrepancy.shape.curve import readings_of_shape, shape_curve
 from thermo.library.quantities import Quantity
 from thermo.library.shape import HALF_RANGE_C, quantity_of
 from thermo.recording.channel import COOLING, HEATING
@@ -205,4 +205,5 @@ def _levelled(
     order = 2 if quantity == "temperature" else 0
     about = x - x.mean()
     powers = np.vander(about, order + 1)
-    return formula + powers @ np.linalg.lstsq(powers, function - formula, rcond=None)[0]
+    level = np.linalg.lstsq(powers, function - formula, rcond=None)[0]
+    return formula + powers @ level

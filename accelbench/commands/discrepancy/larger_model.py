@@ -12,7 +12,7 @@ from thermo.compensation.model_file import ModelFile, dump_model, make_model_fil
 from thermo.compensation.terms_file import terms_toml
 from thermo.discrepancy.find import Discrepancy
 from thermo.discrepancy.problem.refit import Fitted
-from thermo.discrepancy.shape import library_text
+from thermo.discrepancy.shape.library_file import library_text
 from thermo.fitting.fit import TermsFile, fit_runs
 from thermo.library import using_thermal_library, with_thermal_file
 from thermo.library.quantities import QUANTITIES

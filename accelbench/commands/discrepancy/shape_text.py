@@ -6,8 +6,9 @@ from typing import Any
 from accelbench.shell.console import micro_g, number
 from errormodel.discrepancy.shares import Shares, shares_of
 from thermo.discrepancy.find import Discrepancy
-from thermo.discrepancy.shape import ShapeFound, formula_words, lost_share
-from thermo.discrepancy.shape_curve import shape_curve
+from thermo.discrepancy.shape.curve import shape_curve
+from thermo.discrepancy.shape.found import ShapeFound
+from thermo.discrepancy.shape.words import formula_words, lost_share
 from thermo.library.shape import quantity_of
 
 

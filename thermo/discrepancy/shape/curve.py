@@ -6,7 +6,7 @@ import numpy as np
 
 from errormodel.arrays import FloatArray
 from thermo.discrepancy.find import Discrepancy
-from thermo.discrepancy.shape import factor_by_block
+from thermo.discrepancy.shape.pattern import factor_by_block
 from thermo.discrepancy.words import fitted_covariance
 from thermo.library.effects import MICRO
 
