@@ -157,3 +157,8 @@ def model_lines(
                 f"left out for {d.serial}, these runs cannot determine all of its parameters: "
                 f"{', '.join(lost)}"
             )
+    if any(d.shape for d in found):
+        own = library_path(out)
+        given = " ".join(f"--library {p}" for p in (*libraries, own))
+        yield f"effects without a name: {own}; every command takes it with the model, as in"
+        yield f"  accelbench compensate RUN.csv --model {out.with_suffix('.json')} {given}"
