@@ -4,7 +4,6 @@
 that is already in memory, checked in the same way.
 """
 
-import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from datetime import UTC, date, datetime
 from pathlib import Path
@@ -19,6 +18,7 @@ from errormodel.errors import InputError
 from errormodel.io.tables import TableForm, read_table, sidecar_path
 from errormodel.io.toml import check, read_toml
 from thermo.recording.check import Table, build
+from thermo.recording.copies import refuse_copies
 from thermo.recording.further_columns import further_columns
 from thermo.recording.labels import FloatArray, pair_keys
 from thermo.recording.readings_check import flag_readings
@@ -158,32 +158,6 @@ def read_runs(
     if not trust_units:
         checked_units(record, trust_units=False)
     return record
-
-
-def refuse_copies(record: RecordedRuns) -> None:
-    """Refuse runs that hold the same readings under two names.
-
-    Raises
-    ------
-    InputError
-        Naming both.
-    """
-    seen: dict[bytes, tuple[str, str]] = {}
-    for run, serial in record.scales:
-        mine = record.run.codes == record.run_ids.index(run)
-        mine &= record.serial.codes == record.serials.index(serial)
-        output = record.output[mine]
-        if len(np.unique(output)) < 3:
-            continue  # a few digits may be equal by chance, or by an overload
-        key = hashlib.sha256(output.tobytes() + record.temp_c[mine].tobytes()).digest()
-        other = seen.setdefault(key, (run, serial))
-        if other[0] != run:
-            raise InputError(
-                record.source,
-                "",
-                f"run {run!r} serial {serial!r} has the same readings as run {other[0]!r} serial "
-                f"{other[1]!r}; expected each run under one name only",
-            )
 
 
 def make_runs(

@@ -105,9 +105,10 @@ def _problem(table: pd.DataFrame, name: str) -> str:
     values = table[name].to_numpy(dtype=float)[good]
     if not (values.size and np.all(np.isfinite(values)) and np.all(np.abs(values) < LARGEST)):
         return "a good reading has no value of it"
-    if not any(_rises_and_falls(part) for part in _by_run(table, good, values)):
+    rows = table.take(np.flatnonzero(good))
+    if not any(_rises_and_falls(part) for part in _runs_of(rows, values)):
         return "it does not rise and fall within a run"
-    if _is_copy(values, table["output"].to_numpy(dtype=float)[good]):
+    if _is_copy(values, rows["output"].to_numpy(dtype=float)):
         return "it is the output over again"
     return ""
 
@@ -119,10 +120,9 @@ def _good(table: pd.DataFrame) -> Any:
     return flags.isin(sorted(GOOD_FLAGS)).to_numpy()
 
 
-def _by_run(table: pd.DataFrame, good: Any, values: FloatArray) -> Iterator[FloatArray]:
-    """Yield the values of the good readings of each run of an accelerometer."""
-    frame: Any = table
-    for index in frame[good].groupby(["run", "serial"], sort=False).indices.values():
+def _runs_of(rows: pd.DataFrame, values: FloatArray) -> Iterator[FloatArray]:
+    grouped: Any = rows.groupby(["run", "serial"], sort=False)
+    for index in grouped.indices.values():
         yield values[index]
 
 
