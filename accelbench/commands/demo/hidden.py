@@ -25,10 +25,14 @@ from accelbench.commands.discrepancy.larger_model import (
     larger_terms,
     larger_toml,
     present_terms,
+    shape_library,
+    with_shapes,
 )
+from accelbench.commands.discrepancy.text import larger
 from accelbench.shell.outputs import REPORT_NAME
 from drivers.clock import SteppedClock
 from errormodel.io.atomic import write_files
+from errormodel.io.python_file import PythonFile
 from thermo.compensation.model_file import dump_model, read_model
 from thermo.discrepancy.experiment import Experiment
 from thermo.discrepancy.find import Discrepancy, find_discrepancy
@@ -50,6 +54,7 @@ from thermo.twin.planted import (
     size_in_words,
     who_has_it,
 )
+from thermo.twin.unknown import UNKNOWN
 
 Tell = Callable[[str], None]
 Watch = Callable[[TestSequence], AbstractContextManager[Sequence[Observer]]]
@@ -101,11 +106,18 @@ class HiddenDemo:
 
     @property
     def right(self) -> bool:
-        """True when the accelerometer's effect alone was named, and of the others nothing."""
+        """True when the accelerometer's effect alone was named, and of the others nothing.
+
+        Of an effect that no library has: no name was given, and a shape was built.
+        """
         said = {d.serial: [e.name for e in d.effects] for d in self.verdicts if not d.alias_sets}
         others = [d for d in self.verdicts if d.serial != self.serial]
-        return said.get(self.serial) == [self.effect] and all(
-            d.verdict == "nothing" for d in others
+        expected = [] if self.effect == UNKNOWN else [self.effect]
+        built = self.serial in {d.serial for d in self.verdicts if d.shape is not None}
+        return (
+            said.get(self.serial) == expected
+            and built == (self.effect == UNKNOWN)
+            and all(d.verdict == "nothing" for d in others)
         )
 
 
@@ -183,7 +195,7 @@ def run_hidden_demo(
     folder : Path
         Where everything goes: recorded runs, models, the proposed sequences, the report, the key.
     effect : str or None
-        An effect of the library that has an example.
+        An effect of the library that has an example, or "unknown": one that is in no library.
     watch : callable
         Gives a test's observers, as a context.
     sequence : TestSequence, optional
@@ -202,7 +214,7 @@ def run_hidden_demo(
     InputError
         If no accelerometer can have that effect.
     """
-    planted, began_s = plantable(effect), time.monotonic()
+    planted, began_s = plantable(effect, seed), time.monotonic()
     assert effect is not None
     sequence = sequence or hidden_sequence()
     serials = tuple(a.serial for a in sequence.accelerometers)
@@ -246,14 +258,21 @@ def _search(bench: _Bench, units: Units, sequence: TestSequence, tell: Tell) -> 
         verdicts=tuple(verdicts),
     )
     steps.next("the next run compared with the models, and the report")
-    found = [d for d in verdicts if d.effects]
+    found = [d for d in verdicts if larger(d)]
     if not found:
         return made
-    strongest = max(found, key=lambda d: d.effects[0].strength_d)
+    strongest = max(found, key=_strength)
     next_run = _next_run(bench, units, sequence, strongest, seen[strongest.serial])
     files = hidden_report(verdicts, runs, next_run)
     write_files([(bench.folder / "report" / name, content) for name, content in files.items()])
     return replace(made, next_run=next_run, report=bench.folder / "report" / REPORT_NAME)
+
+
+def _strength(d: Discrepancy) -> float:
+    """Return how many of its own sigmas the first effect has, or the shape."""
+    if d.effects:
+        return d.effects[0].strength_d
+    return float(np.sqrt(d.shape.pattern.shape.gain)) if d.shape else 0.0
 
 
 def _found(runs: RecordedRuns, tell: Tell) -> Discrepancy:
@@ -286,19 +305,33 @@ def _settled(
     return d, done, runs
 
 
+def _shape_file(folder: Path, d: Discrepancy) -> PythonFile | None:
+    """Write the library of a verdict's shape beside the models; None where there is none."""
+    library = shape_library([d], folder / "larger_model.toml")
+    if library is not None:
+        write_files([(library.path, library.content)])
+    return library
+
+
+def _loaded_models(folder: Path, d: Discrepancy, runs: RecordedRuns) -> Units:
+    """Write both models of an accelerometer, and return emulated ones made of their files."""
+    models = {
+        PRESENT: fitted_file(runs, [(d.serial, present_terms(d))]),
+        LARGER: fitted_file(runs, [(d.serial, larger_terms(d))]),
+    }
+    paths = {name: folder / f"{name.replace(' ', '_')}.json" for name in models}
+    write_files([(paths[n], dump_model(m).encode()) for n, m in models.items()])
+    write_files([(folder / "larger_model.toml", larger_toml(d).encode())])
+    return {name: simulated_by(read_model(path).of(d.serial)) for name, path in paths.items()}
+
+
 def _next_run(
     bench: _Bench, units: Units, sequence: TestSequence, d: Discrepancy, runs: RecordedRuns
 ) -> NextRun:
     """Measure the accelerometer once more, its two models emulated beside it."""
     one = next(a for a in sequence.accelerometers if a.serial == d.serial)
-    models = {
-        PRESENT: fitted_file(runs, [(d.serial, present_terms(d))]),
-        LARGER: fitted_file(runs, [(d.serial, larger_terms(d))]),
-    }
-    paths = {name: bench.folder / f"{name.replace(' ', '_')}.json" for name in models}
-    write_files([(paths[n], dump_model(m).encode()) for n, m in models.items()])
-    write_files([(bench.folder / "larger_model.toml", larger_toml(d).encode())])
-    loaded = {name: simulated_by(read_model(path).of(d.serial)) for name, path in paths.items()}
+    with with_shapes(_shape_file(bench.folder, d)):
+        loaded = _loaded_models(bench.folder, d, runs)
     together = sequence.model_copy(
         update={
             "accelerometers": tuple(

@@ -97,37 +97,25 @@ def shape_library(found: Sequence[Discrepancy], out: Path) -> PythonFile | None:
 
 
 def with_shapes(library: PythonFile | None) -> AbstractContextManager[object]:
-    """Have the shapes of a library file among the effects until the end of a block."""
+    """Have the shapes of a library file among the effects until the end of a block.
+
+    The larger model of a discrepancy with a shape is made within: its terms, its fit, its lines.
+    """
     if library is None:
         return nullcontext()
     return using_thermal_library(with_thermal_file(library))
 
 
 def model_files(
-    runs: RecordedRuns,
-    found: Sequence[Discrepancy],
-    out: Path,
-    library: PythonFile | None = None,
+    runs: RecordedRuns, found: Sequence[Discrepancy], out: Path
 ) -> list[tuple[Path, bytes]]:
-    """Return the larger model: its terms for `fit`, and the fitted file for `compensate`.
-
-    Parameters
-    ----------
-    runs : RecordedRuns
-    found : sequence of Discrepancy
-    out : Path
-    library : PythonFile, optional
-        That of the shapes; it is among the files.
-    """
-    with with_shapes(library):
-        model = fitted_file(runs, [(d.serial, larger_terms(d)) for d in found])
-    fitted = dump_model(model).encode()
-    own = [(library.path, library.content)] if library else []
+    """Return the larger model: its terms for `fit`, and the fitted file for `compensate`."""
+    fitted = dump_model(fitted_file(runs, [(d.serial, larger_terms(d)) for d in found])).encode()
     if out.suffix.lower() == ".json":
-        return [(out, fitted), *own]
+        return [(out, fitted)]
     terms = [larger_toml(d).encode() for d in (_foremost(found), *(found if found[1:] else ()))]
     first, fitted_path, *each = model_paths(out, len(found))
-    return [*zip([first, *each], terms, strict=True), (fitted_path, fitted), *own]
+    return [*zip([first, *each], terms, strict=True), (fitted_path, fitted)]
 
 
 def model_paths(out: Path, count: int) -> list[Path]:
@@ -169,3 +157,8 @@ def model_lines(
                 f"left out for {d.serial}, these runs cannot determine all of its parameters: "
                 f"{', '.join(lost)}"
             )
+    if any(d.shape for d in found):
+        own = library_path(out)
+        given = " ".join(f"--library {p}" for p in (*libraries, own))
+        yield f"effects without a name: {own}; every command takes it with the model, as in"
+        yield f"  accelbench compensate RUN.csv --model {out.with_suffix('.json')} {given}"

@@ -10,6 +10,7 @@ from accelbench.commands.discrepancy.larger_model import (
     model_lines,
     model_paths,
     shape_library,
+    with_shapes,
 )
 from accelbench.commands.discrepancy.options import tell
 from accelbench.commands.discrepancy.text import discrepancy_document, discrepancy_text
@@ -64,9 +65,11 @@ def discrepancy_thermal(
     results = Results(document, [*discrepancy_text(found), *doubts])
     add_reading_counts(results.document, runs, doubts)
     if out is not None:
-        files_made = model_files(runs, found, out, library)
-        lines = model_lines(found, out, library_paths())
-        results.add_files("out", out, files_made, lines)
+        with with_shapes(library):
+            made = model_files(runs, found, out)
+            lines = list(model_lines(found, out, library_paths()))
+        own = [(library.path, library.content)] if library else []
+        results.add_files("out", out, [*made, *own], lines)
     if experiment_out is not None:
         proposed = _experiment_file(found, experiment_out)
         line = f"experiment: {experiment_out}" if proposed else NO_EXPERIMENT
