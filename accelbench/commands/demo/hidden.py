@@ -8,16 +8,20 @@ model is loaded into an emulated accelerometer beside the real one, and the next
 import json
 import os
 import time
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime, timedelta
 from functools import reduce
-from importlib import resources
 from pathlib import Path
 
 import numpy as np
 
+from accelbench.commands.demo.hidden_bench import (
+    Bench,
+    TestEndedError,
+    Units,
+    Watch,
+    hidden_sequence,
+)
 from accelbench.commands.demo.hidden_page import NextRun, hidden_report
 from accelbench.commands.demo.steps import DemoSteps
 from accelbench.commands.discrepancy.larger_model import (
@@ -30,23 +34,16 @@ from accelbench.commands.discrepancy.larger_model import (
 )
 from accelbench.commands.discrepancy.text import larger
 from accelbench.shell.outputs import REPORT_NAME
-from drivers.clock import SteppedClock
 from errormodel.io.atomic import write_files
 from errormodel.io.python_file import PythonFile
 from thermo.compensation.model_file import dump_model, read_model
 from thermo.discrepancy.experiment import Experiment
 from thermo.discrepancy.find import Discrepancy, find_discrepancy
-from thermo.launch.emulated import run_emulated
-from thermo.planning.default_station import default_station
 from thermo.planning.sequence import Sequence as TestSequence
-from thermo.planning.sequence import TestedAccelerometer, load_sequence, parse_sequence
+from thermo.planning.sequence import TestedAccelerometer, load_sequence
 from thermo.recording.channel import channel_of
-from thermo.recording.files import RecordedRuns, join_runs, read_runs, write_runs
-from thermo.station.job import make_job
-from thermo.station.outcome import Observer, TestOutcome
-from thermo.store.files import open_existing_store, recorded_runs
-from thermo.twin.accelerometer import EmulatedAccelerometer
-from thermo.twin.plant import Twin, TwinSettings
+from thermo.recording.files import RecordedRuns, join_runs, read_runs
+from thermo.station.outcome import TestOutcome
 from thermo.twin.planted import (
     plain_accelerometer,
     plantable,
@@ -57,16 +54,10 @@ from thermo.twin.planted import (
 from thermo.twin.unknown import UNKNOWN
 
 Tell = Callable[[str], None]
-Watch = Callable[[TestSequence], AbstractContextManager[Sequence[Observer]]]
-# The head is adjusted: its own errors are no accelerometer's, and all would show them.
-SETTINGS = TwinSettings(head_offset_arcsec=0.0, head_harmonic_arcsec=0.0)
 PRESENT, LARGER = "present model", "larger model"
-DAY_S = 86_400.0
 # How long the steps take beside each other, as measured.
 NIGHT, SEARCH, EXPERIMENT, NEXT_RUN = 24.0, 8.0, 30.0, 8.0
 MOST_EXPERIMENTS = 2
-MOST_TESTS = 100  # of one demonstration: the noise of each is drawn from its own seed
-Units = Mapping[str, EmulatedAccelerometer]
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -121,64 +112,6 @@ class HiddenDemo:
         )
 
 
-def hidden_sequence() -> TestSequence:
-    """Return the sequence that is run, as it is shipped."""
-    file = resources.files("accelbench").joinpath("examples/sequences/demo-hidden.toml")
-    return parse_sequence(file.read_text(encoding="utf-8"), "demo-hidden.toml")
-
-
-class _TestEndedError(Exception):
-    """A test did not finish."""
-
-    def __init__(self, outcome: TestOutcome) -> None:
-        super().__init__(outcome.reason)
-        self.outcome = outcome
-
-
-class _Bench:
-    """The emulated station: one test after another, days later, with noise of its own."""
-
-    def __init__(self, folder: Path, watch: Watch, seed: int) -> None:
-        self.folder, self.watch, self.seed = folder, watch, seed
-        self.began = datetime.now(UTC)
-        self.tests = 0
-
-    def measure(self, name: str, sequence: TestSequence, units: Units) -> Path:
-        """Run a sequence and return the recorded file."""
-        self.tests += 1
-        config = default_station(sequence)
-        mounts = {a.serial: a.mount_deg for a in sequence.accelerometers}
-        plant = Twin(
-            config.inputs,
-            units,
-            SETTINGS,
-            MOST_TESTS * self.seed + self.tests,
-            mounts,
-            config.signal_channels,
-        )
-        store_path = str(self.folder / "store.sqlite")
-        with self.watch(sequence) as observers:
-            outcome = run_emulated(
-                make_job(sequence, store_path),
-                plant=plant,
-                clock=SteppedClock((self.tests - 1) * 3 * DAY_S),
-                observers=observers,
-            )
-        if outcome.status != "finished":
-            raise _TestEndedError(outcome)
-        with open_existing_store(store_path) as store:
-            (record,) = recorded_runs(store, outcome.test_id)
-            begun = store.test(outcome.test_id).runs
-        # by the station's clock, whose days pass in seconds: the wall would lay tests over another
-        starts = {
-            run_id: self.began + timedelta(seconds=run.start_clock_s or 0.0)
-            for run_id, run in zip(record.run_ids, begun, strict=True)
-        }
-        path = self.folder / f"{name}.csv"
-        write_runs(replace(record, run_start_utc=starts), path)
-        return path
-
-
 def run_hidden_demo(
     folder: Path,
     effect: str | None,
@@ -225,14 +158,14 @@ def run_hidden_demo(
         s: plain_accelerometer(s, planted if s == serial else None, seed=seed) for s in serials
     }
     try:
-        made = _search(_Bench(folder, watch, seed), units, sequence, tell)
-    except _TestEndedError as ended:
+        made = _search(Bench(folder, watch, seed), units, sequence, tell)
+    except TestEndedError as ended:
         made = HiddenDemo(folder=folder, failed=ended.outcome)
     opened = json.loads((folder / "key.json").read_text(encoding="utf-8"))
     return replace(made, **opened, seconds=time.monotonic() - began_s)
 
 
-def _search(bench: _Bench, units: Units, sequence: TestSequence, tell: Tell) -> HiddenDemo:
+def _search(bench: Bench, units: Units, sequence: TestSequence, tell: Tell) -> HiddenDemo:
     """Measure, name, settle what is open, and close the gap."""
     steps = DemoSteps(tell, [NIGHT, *[SEARCH for _ in units], NEXT_RUN])
     steps.next(f"a night of {len(units)} accelerometers")
@@ -285,7 +218,7 @@ def _found(runs: RecordedRuns, tell: Tell) -> Discrepancy:
 
 
 def _settled(
-    bench: _Bench, units: Units, d: Discrepancy, runs: RecordedRuns, steps: DemoSteps
+    bench: Bench, units: Units, d: Discrepancy, runs: RecordedRuns, steps: DemoSteps
 ) -> tuple[Discrepancy, list[Experiment], RecordedRuns]:
     """Carry out the experiments that a verdict proposes until it is no alias set."""
     done: list[Experiment] = []
@@ -326,7 +259,7 @@ def _loaded_models(folder: Path, d: Discrepancy, runs: RecordedRuns) -> Units:
 
 
 def _next_run(
-    bench: _Bench, units: Units, sequence: TestSequence, d: Discrepancy, runs: RecordedRuns
+    bench: Bench, units: Units, sequence: TestSequence, d: Discrepancy, runs: RecordedRuns
 ) -> NextRun:
     """Measure the accelerometer once more, its two models emulated beside it."""
     one = next(a for a in sequence.accelerometers if a.serial == d.serial)

@@ -23,6 +23,16 @@ from accelbench.shell.outputs import force_option, json_option
 )
 @REPORT
 @click.option("--experiment-out", type=Path, help="SEQUENCE.toml of the proposed experiment.")
+@click.option("--max-hours", type=float, help="Longest experiment to propose, h.")
+@click.option(
+    "--temperatures",
+    type=(float, float),
+    metavar="LO HI",
+    help="Temperatures of a proposed experiment, °C; by default those recorded.",
+)
+@click.option(
+    "--angles", metavar="A,B,…", help="Positions that the head can take, °; by default any."
+)
 @SEED
 @click.option(
     "--workers",

@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from accelbench.cli import main
 from accelbench.commands.discrepancy.larger_model import model_files, model_lines
 from accelbench.commands.discrepancy.text import verdict_lines
 from tests.thermo.discrepancy.examples import hidden_runs
@@ -147,3 +148,18 @@ def test_two_accelerometers_have_a_model_each(good: RecordedRuns, tmp_path: Path
     assert told[3:] == [
         "left out for B, these runs cannot determine all of its parameters: delta_p, k_io"
     ]
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "complaint"),
+    [
+        ("--max-hours", ["0"], "0, expected more than 0"),
+        ("--temperatures", ["60", "-20"], "expected the coldest and then the hottest"),
+        ("--angles", ["0,ninety"], "'0,ninety', expected angles in °"),
+    ],
+)
+def test_what_no_laboratory_can_do_is_refused(
+    option: str, value: list[str], complaint: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["discrepancy", "thermal", "none.csv", option, *value]) == 2
+    assert complaint in capsys.readouterr().err
