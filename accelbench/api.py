@@ -244,9 +244,9 @@ def discrepancy(
     document = discrepancy_document(found)
 
     def pictures() -> "Iterable[Picture]":
-        from accelbench.commands.discrepancy.figures import draw_factor, draw_gap
+        from accelbench.commands.discrepancy.figures import draw_verdict
 
-        return [draw(one) for one in found for draw in (draw_factor, draw_gap)]
+        return [picture for one in found for picture in draw_verdict(one)]
 
     return Result(
         title="discrepancy: " + ", ".join(f"{d.serial} {d.verdict}" for d in found),

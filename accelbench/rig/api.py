@@ -254,7 +254,7 @@ def discrepancy(
     InputError
         If the run lacks what the mode needs.
     """
-    from accelbench.commands.discrepancy.rig_text import rig_document
+    from accelbench.commands.discrepancy.rig.text import rig_document
     from sinscal.discrepancy.find import find_rig_discrepancy
 
     found = find_rig_discrepancy(run, present=present, seed=seed)

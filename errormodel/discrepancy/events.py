@@ -140,7 +140,8 @@ def _about(candidate: Candidate, theta: Theta) -> tuple[Theta, ...]:
     values = sorted(t[0] for t in candidate.grid)
     k = values.index(theta[0])
     lo, hi = values[max(k - 1, 0)], values[min(k + 1, len(values) - 1)]
-    return tuple((v,) for v in np.geomspace(lo, hi, BETWEEN).tolist())
+    between = np.geomspace if lo > 0.0 else np.linspace
+    return tuple((v,) for v in between(lo, hi, BETWEEN).tolist())
 
 
 def event_ratios(

@@ -118,6 +118,13 @@ class Conclusion(Generic[Gap, Proposal]):
         return tuple(s.alias for s in self.result.slots if len(s.alias) > 1)
 
     @property
+    def weight(self) -> float | None:
+        """Posterior weight of the names and alias sets said; None where none is."""
+        if not self.judgement.names_stand:
+            return None
+        return float(np.prod([s.weight for s in self.result.slots]))
+
+    @property
     def inherited(self) -> dict[str, Any]:
         """The fields by name, for extended conclusions."""
         return {f.name: getattr(self, f.name) for f in fields(Conclusion)}

@@ -209,13 +209,15 @@ def _refined(view: View, best: Found) -> Found:
         hi = values[k + 1] if k + 1 < len(values) else candidate.bounds[0][1]
         if hi <= lo:
             return best
+        scale = candidate.bounds[0][0] > 0.0  # of a place the logarithm has no meaning
+        to, back = (np.log, np.exp) if scale else (float, float)
         found = optimize.minimize_scalar(
-            lambda u: loss((float(np.exp(u)),)),
-            bounds=(np.log(lo), np.log(hi)),
+            lambda u: loss((float(back(u)),)),
+            bounds=(to(lo), to(hi)),
             method="bounded",
-            options={"xatol": 2e-3, "maxiter": 16},
+            options={"xatol": 2e-3 * (1.0 if scale else hi - lo), "maxiter": 16},
         )
-        theta, gain = (float(np.exp(found.x)),), -float(found.fun)
+        theta, gain = (float(back(found.x)),), -float(found.fun)
     else:
         bounds = [(np.log(lo), np.log(hi)) for lo, hi in candidate.bounds]
         many = optimize.minimize(

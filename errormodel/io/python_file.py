@@ -15,11 +15,16 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class PythonFile:
-    """A file that was run: where it is, the SHA-256 of its text, and what it defines."""
+    """A file that was run: where it is, its text, and what it defines."""
 
     path: Path
-    sha256: str
+    content: bytes
     module: ModuleType
+
+    @property
+    def sha256(self) -> str:
+        """SHA-256 of its text."""
+        return hashlib.sha256(self.content).hexdigest()
 
     @property
     def source(self) -> str:
@@ -72,6 +77,17 @@ def run_python_file(path: Path | str) -> PythonFile:
         content = path.read_bytes()
     except OSError as err:
         raise InputError(path, "", err.strerror or str(err)) from None
+    return run_python_text(path, content)
+
+
+def run_python_text(path: Path, content: bytes) -> PythonFile:
+    """Run the text of a file of Python, written already or not.
+
+    Raises
+    ------
+    InputError
+        If it fails.
+    """
     spec = importlib.util.spec_from_file_location("accelbench_user_library", path)
     if spec is None or spec.loader is None:
         raise InputError(path, "", "expected a file of Python, NAME.py")
@@ -80,7 +96,7 @@ def run_python_file(path: Path | str) -> PythonFile:
         exec(compile(content, str(path), "exec"), module.__dict__)
     except Exception as err:
         raise InputError(path, "", f"{type(err).__name__}: {err}") from None
-    return PythonFile(path=path, sha256=hashlib.sha256(content).hexdigest(), module=module)
+    return PythonFile(path=path, content=content, module=module)
 
 
 def members_of(file: PythonFile, name: str, kind: type[T]) -> tuple[T, ...]:

@@ -5,6 +5,8 @@ the criterion is the whitened distance of the best rival. For effects that these
 the criterion is the strength with which the experiment would show them.
 """
 
+import math
+from collections.abc import Mapping
 from collections.abc import Sequence as Many
 from dataclasses import dataclass, replace
 
@@ -18,7 +20,7 @@ from errormodel.discrepancy.search.pairs import POINTS
 from errormodel.discrepancy.search.state import SearchState
 from errormodel.errors import InputError
 from errormodel.noise.model import NoiseFit
-from thermo.discrepancy.experiment_menu import Item, menu
+from thermo.discrepancy.experiment_menu import NO_LIMITS, Item, Limits, menu
 from thermo.discrepancy.problem.refit import Fitted
 from thermo.discrepancy.problem.source import ThermalSource
 from thermo.planning.default_station import default_station
@@ -78,6 +80,7 @@ def propose(
     verdict: Judgement,
     invisible: tuple[str, ...],
     floor: NoiseFit,
+    limits: Limits = NO_LIMITS,
 ) -> Experiment | None:
     """Propose an experiment that separates an alias set, or shows invisible effects.
 
@@ -88,6 +91,8 @@ def propose(
     verdict : Judgement
     invisible : tuple of str
     floor : NoiseFit
+    limits : Limits
+        What the laboratory can do.
 
     Returns
     -------
@@ -97,20 +102,28 @@ def propose(
     if verdict.verdict in ("named", "alias"):
         for slot in result.slots:
             if len(slot.alias) > 1:
-                return propose_separation(source, floor, slot.choice, slot.alias)
+                return propose_separation(
+                    source, floor, slot.choice, slot.alias, slot.weights, limits
+                )
         if source.seen.runs == 1:
             rivals = tuple(n for n, _ in result.slots[0].rivals[:RIVALS])
-            made = propose_separation(source, floor, result.slots[0].choice, rivals)
+            first = result.slots[0]
+            made = propose_separation(source, floor, first.choice, rivals, first.weights, limits)
             return replace(
                 made,
                 text="one run and one loop cannot separate thermal history from drift: "
                 + made.text,
             )
-    return _Experiments(source, floor).showing(invisible) if invisible else None
+    return _Experiments(source, floor, limits).showing(invisible) if invisible else None
 
 
 def propose_separation(
-    source: ThermalSource, floor: NoiseFit, choice: Choice, rivals: Many[str]
+    source: ThermalSource,
+    floor: NoiseFit,
+    choice: Choice,
+    rivals: Many[str],
+    weights: Mapping[str, float] | None = None,
+    limits: Limits = NO_LIMITS,
 ) -> Experiment:
     """Propose an experiment that separates one effect, at its size in these runs, from others.
 
@@ -120,15 +133,39 @@ def propose_separation(
     floor : NoiseFit
     choice : Choice
     rivals : sequence of str
+    weights : mapping of str to float, optional
+        Posterior weight of each; alike by default.
+    limits : Limits
     """
     found = source.fitted([choice], floor.noise)
-    return _Experiments(source, floor).separating(choice.name, (choice.name, *rivals), found)
+    experiments = _Experiments(source, floor, limits)
+    return experiments.separating(choice.name, (choice.name, *rivals), found, weights or {})
 
 
-def _better(distance: float, plan: Plan, best: "tuple[float, Item, Plan]") -> bool:
-    if min(distance, best[0]) >= CLEAR_D:
-        return plan.total_s < best[2].total_s
-    return distance > best[0]
+@dataclass(frozen=True, slots=True, eq=False)
+class _Outcome:
+    """What an experiment would do: sigma between the effect and each rival, and what it decides.
+
+    `decided` is the share of the rivals' posterior weight that it is expected to take away: two
+    hypotheses d sigma apart are mistaken for each other with a probability below exp(−d²/8)
+    (Chernoff).
+    """
+
+    distances: Mapping[str, float]
+    decided: float
+    item: Item
+    hours: float
+
+    @property
+    def nearest(self) -> float:
+        return min(self.distances.values())
+
+    def rank(self, most: float) -> tuple[int, float]:
+        """Return the order of choice: a clear one by its hours, else what an hour decides."""
+        if self.nearest >= CLEAR_D:
+            return 2, -self.hours
+        worth = self.decided >= 0.5 * most  # of what the best of them decides
+        return int(worth), self.decided / self.hours
 
 
 def _thinned(grid: Many[Theta]) -> Many[Theta]:
@@ -139,40 +176,61 @@ def _thinned(grid: Many[Theta]) -> Many[Theta]:
 class _Experiments:
     """The menu, planned once."""
 
-    def __init__(self, source: ThermalSource, floor: NoiseFit) -> None:
-        self.source, self.floor = source, floor
+    def __init__(self, source: ThermalSource, floor: NoiseFit, limits: Limits) -> None:
+        self.source, self.floor, self.limits = source, floor, limits
         channel = source.channel
         self.t_ref_c = float(channel.temp_c[0] - channel.record["x_c"][0])
 
-    def separating(self, name: str, alias: Many[str], found: Fitted) -> Experiment:
-        """Return the shortest experiment that separates the effect from every rival.
+    def separating(
+        self, name: str, alias: Many[str], found: Fitted, weights: Mapping[str, float]
+    ) -> Experiment:
+        """Return the experiment that decides most an hour between the effect and its rivals.
 
-        If none does so clearly, return the one with the largest distance of the nearest rival.
+        The shortest of those that tell it from every rival clearly, where there is one.
         """
-        best: tuple[float, Item, Plan] | None = None
         rivals = [n for n in alias if n != name][:RIVALS]
-        before = self._distance(self._simulated(self.source.channel, found), name, rivals)
-        for item, plan, channel in self._planned():
-            distance = self._distance(self._simulated(channel, found), name, rivals)
-            if best is None or _better(distance, plan, best):
-                best = (distance, item, plan)
-        if best is None:
-            return self._in_words((name, *rivals))
-        distance, item, plan = best
-        text = (
-            f"{item.text}, {plan.total_s / 3600:.0f} h; it leaves {name} {distance:.1f} sigma from "
-            f"its nearest rival of {', '.join(rivals)} (these runs: {before:.1f})"
+        before = min(
+            self._distances(self._simulated(self.source.channel, found), name, rivals).values()
         )
-        if distance < SETTLED_D:
-            text += "; this may not decide it, and no other experiment in this chamber is better"
+        outcomes = [
+            self._outcome(item, plan, self._simulated(channel, found), name, rivals, weights)
+            for item, plan, channel in self._planned()
+        ]
+        if not outcomes:
+            return self._in_words((name, *rivals))
+        most = max(o.decided for o in outcomes)
+        best = max(outcomes, key=lambda o: o.rank(most))
+        text = (
+            f"{best.item.text}, {best.hours:.0f} h; it separates {name} from {', '.join(rivals)}: "
+            f"{best.nearest:.1f} sigma to the nearest of them, {before:.1f} in these runs"
+        )
+        if best.nearest < SETTLED_D:
+            text += (
+                f"; it is expected to decide {best.decided:.0%} of what is open, and nothing "
+                "within these limits decides more an hour"
+            )
         return Experiment(
             text=text,
             separates=(name, *rivals),
             d_before=before,
-            d_after=distance,
-            hours=plan.total_s / 3600,
-            sequence=item.sequence,
+            d_after=best.nearest,
+            hours=best.hours,
+            sequence=best.item.sequence,
         )
+
+    def _outcome(
+        self,
+        item: Item,
+        plan: Plan,
+        channel: Channel,
+        name: str,
+        rivals: Many[str],
+        weights: Mapping[str, float],
+    ) -> _Outcome:
+        distances = self._distances(channel, name, rivals)
+        own = {n: weights.get(n, 0.0) or 1e-3 for n in rivals}
+        told = sum(own[n] * (1.0 - math.exp(-(d**2) / 8.0)) for n, d in distances.items())
+        return _Outcome(distances, told / sum(own.values()), item, plan.total_s / 3600)
 
     def showing(self, names: Many[str]) -> Experiment | None:
         """Return the first experiment that shows the largest number of invisible effects.
@@ -189,7 +247,8 @@ class _Experiments:
             return self._in_words(names)
         _, shown, item, plan = best
         return Experiment(
-            text=f"{item.text}, {plan.total_s / 3600:.0f} h; it shows {', '.join(shown)}",
+            text=f"{item.text}, {plan.total_s / 3600:.0f} h; it shows {', '.join(shown)}, which "
+            "these runs cannot",
             separates=shown,
             d_before=0.0,
             d_after=None,
@@ -211,11 +270,13 @@ class _Experiments:
     def _planned(self) -> list[tuple[Item, Plan, Channel]]:
         """Return the menu's experiments that an emulated station takes, after the runs at hand."""
         made: list[tuple[Item, Plan, Channel]] = []
-        for item in menu(self.source.channel):
+        for item in menu(self.source.channel, self.limits):
             try:
                 plan = make_plan(item.sequence, default_station(item.sequence))
             except InputError:
                 continue  # outside what the station can do
+            if plan.total_s > 3600.0 * self.limits.most_hours:
+                continue
             runs = [plan.run(k + 1) for k in range(plan.runs)]
             turned = item.sequence.accelerometers[0].mount_deg
             planned = planned_channel(runs, self.t_ref_c, turned)
@@ -238,17 +299,22 @@ class _Experiments:
         noise = replace(given, white=given.white / float(np.sqrt(more)), continued=False)
         return View(part.outline(noise), noise)
 
-    def _distance(self, channel: Channel, name: str, rivals: Many[str]) -> float:
-        """Return the distance of the nearest rival from a simulated effect.
+    def _distances(self, channel: Channel, name: str, rivals: Many[str]) -> dict[str, float]:
+        """Return how far each rival stays from an effect that was simulated.
 
         A rival's flexible form counts, as in the search.
         """
         view = self._view(channel)
         every = {c.name: c for c in view.problem.candidates}
-        against = [m for n in rivals if n in every for m in (every[n], every[n].flexible) if m]
-        nearest = max((f.gain for f in Prepared(view, against).scan()), default=0.0)
         own = [f.gain for f in Prepared(view, [every[name]]).scan()] if name in every else [0.0]
-        return float(np.sqrt(max(own[0] - nearest, 0.0)))
+        made: dict[str, float] = {}
+        for rival in rivals:
+            forms = (
+                [m for m in (every[rival], every[rival].flexible) if m] if rival in every else []
+            )
+            nearest = max((f.gain for f in Prepared(view, forms).scan()), default=0.0)
+            made[rival] = float(np.sqrt(max(own[0] - nearest, 0.0)))
+        return made
 
     def _apart(self, channel: Channel, names: Many[str]) -> dict[str, float]:
         """Return the visible effects, and the share of each that no other effect imitates."""

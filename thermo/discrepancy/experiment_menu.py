@@ -1,5 +1,7 @@
 """Experiments that separate effects, as sequences for `run`."""
 
+import math
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import product
@@ -43,6 +45,28 @@ Segment = Hold | Ramp
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Limits:
+    """What a laboratory can do.
+
+    Attributes
+    ----------
+    most_hours : float
+        An experiment is no longer.
+    temperatures_c : (float, float), optional
+        Coldest and hottest; by default those recorded.
+    angles_deg : tuple of float, optional
+        Positions of the head; by default what an experiment asks for.
+    """
+
+    most_hours: float = math.inf
+    temperatures_c: tuple[float, float] | None = None
+    angles_deg: tuple[float, ...] | None = None
+
+
+NO_LIMITS = Limits()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Item:
     """One experiment of the menu: its description and its sequence."""
 
@@ -50,12 +74,30 @@ class Item:
     sequence: Sequence
 
 
-def menu(channel: Channel) -> Iterator[Item]:
+def menu(channel: Channel, limits: Limits = NO_LIMITS) -> Iterator[Item]:
     """Yield the experiments that an accelerometer's runs suggest, the shortest kinds first.
 
-    They stay within the recorded temperatures and the limits of a bench chamber.
+    They stay within the temperatures recorded, and within what a bench chamber does, unless the
+    laboratory says what it can do.
     """
-    lo, hi = _range(channel)
+    for item in _every(channel, limits.temperatures_c or _range(channel)):
+        if limits.angles_deg is None:
+            yield item
+            continue
+        at = item.sequence.positions.model_copy(update={"angles_deg": limits.angles_deg})
+        text = _WITH_ANGLES.sub(f"at {_listed(limits.angles_deg)}", item.text)
+        yield Item(text=text, sequence=item.sequence.model_copy(update={"positions": at}))
+
+
+_WITH_ANGLES = re.compile(r"(with )?positions every \d+° in random order")
+
+
+def _listed(angles_deg: tuple[float, ...]) -> str:
+    return ", ".join(f"{a:g}°" for a in angles_deg)
+
+
+def _every(channel: Channel, range_c: tuple[float, float]) -> Iterator[Item]:
+    lo, hi = range_c
     rate = _usual_rate(channel)
     slow, fast = (float(np.clip(rate * f, SLOWEST, FASTEST)) for f in (0.5, 2.0))
     middle, quarter = 0.5 * (lo + hi), lo + 0.25 * (hi - lo)

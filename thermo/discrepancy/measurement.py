@@ -6,15 +6,17 @@ from dataclasses import replace
 import numpy as np
 
 from errormodel.discrepancy.foresight import Foresight
-from errormodel.discrepancy.gate import Judgement
-from errormodel.discrepancy.measurement import Measurement, Searched
+from errormodel.discrepancy.gate import FactorFinding, Judgement
+from errormodel.discrepancy.measurement import Measurement, Revision, Searched
 from errormodel.discrepancy.problem import Problem
 from errormodel.discrepancy.search.choices import Choice, Rules
 from errormodel.discrepancy.search.state import SearchState
 from errormodel.noise.model import NoiseModel
 from thermo.discrepancy.experiment import Experiment, propose
+from thermo.discrepancy.experiment_menu import NO_LIMITS, Limits
 from thermo.discrepancy.held_out import RunGap, gap_of_run, reading_residual_ug
 from thermo.discrepancy.problem.source import ThermalSource
+from thermo.discrepancy.shape.found import against_shape
 from thermo.discrepancy.shared import SearchedChannel, Unlike, unlike_effects
 
 # Orders of temperature are equal in heating and cooling, so a history effect can be added.
@@ -30,8 +32,10 @@ class ChamberRuns(Measurement[RunGap, Experiment]):
 
     parts_name = "runs"
 
-    def __init__(self, source: ThermalSource) -> None:
-        self.source = source
+    def __init__(
+        self, source: ThermalSource, shape_name: str | None = None, limits: Limits = NO_LIMITS
+    ) -> None:
+        self.source, self.shape_name, self.limits = source, shape_name, limits
         self.name = source.channel.serial
 
     def problem(self, chosen: Sequence[Choice], noise: NoiseModel) -> Problem:
@@ -59,13 +63,24 @@ class ChamberRuns(Measurement[RunGap, Experiment]):
         """Return the runs with a smaller library."""
         source = self.source
         kept = [e for e in source.effects if e.name not in names]
-        return ChamberRuns(ThermalSource(source.channel, source.model, kept))
+        return ChamberRuns(
+            ThermalSource(source.channel, source.model, kept), self.shape_name, self.limits
+        )
 
     def drifts_too_much(self, result: SearchState) -> bool:
         """Return True if the estimated slow noise exceeds the possible drift of an instrument."""
         noise = result.floor.noise
         drift = noise.white * np.sqrt(noise.slow_share(self.source.blocks.times.span_s))
         return bool(drift > MOST_DRIFT * self._white_ug(result))
+
+    def revised(
+        self, judgement: Judgement, result: SearchState, places: Sequence[FactorFinding]
+    ) -> Revision:
+        """Hold names against a shape of one quantity, where one is asked for."""
+        del places
+        if self.shape_name is None:
+            return Revision(judgement, result)
+        return against_shape(self.source, judgement, result, self.shape_name)
 
     def _white_ug(self, result: SearchState) -> float:
         """Return the white sigma of a reading: from within blocks if there are enough readings."""
@@ -81,13 +96,15 @@ class ChamberRuns(Measurement[RunGap, Experiment]):
         source = self.source
         shown = set(foresight.names) - set(foresight.invisible)
         held = {e.name for e in source.effects if source.holds_some(e)}
-        return tuple(e.name for e in source.effects if e.name not in shown | held)
+        own = {t.name for t in source.model.terms}
+        some = [e for e in source.effects if not e.changes or e.changes in own]
+        return tuple(e.name for e in some if e.name not in shown | held)
 
     def next_experiment(
         self, result: SearchState, judgement: Judgement, invisible: tuple[str, ...]
     ) -> Experiment | None:
-        """Return the experiment that separates an alias set or shows invisible effects."""
-        return propose(self.source, result, judgement, invisible, result.floor)
+        """Return what would tell an alias set apart, or show what these runs cannot."""
+        return propose(self.source, result, judgement, invisible, result.floor, self.limits)
 
     def parts(self, choices: Sequence[Choice]) -> Sequence[int]:
         """Return the numbers of the runs; empty for a single run."""

@@ -14,7 +14,18 @@ from errormodel.errors import InputError
 from errormodel.in_use import InUse
 from errormodel.io.python_file import LibrarySource, PythonFile, members_of
 from errormodel.terms import Description, Effect
-from thermo.library import head, lag, loop, passing, polynomial, rate, readout, static
+from thermo.library import (
+    head,
+    kink,
+    lag,
+    loop,
+    moves,
+    passing,
+    polynomial,
+    rate,
+    readout,
+    static,
+)
 from thermo.library.effects import ThermalEffect
 from thermo.library.polynomial import MAX_ORDER
 from thermo.library.static import STATIC_NAMES
@@ -29,7 +40,7 @@ __all__ = [
     "with_thermal_file",
 ]
 
-MODULES = (polynomial, static, rate, loop, lag, passing, head, readout)
+MODULES = (polynomial, static, kink, rate, loop, lag, passing, head, moves, readout)
 Maker = Callable[[], Effect]
 
 

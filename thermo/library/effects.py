@@ -88,8 +88,11 @@ class ThermalEffect:
         Its cause. An effect of the head, the chamber or the digitiser is equal in all
         accelerometers that shared it; an effect of a run may occur in several at one time.
     example : Example, optional
-        Its size in an accelerometer that still meets its data sheet; None if the emulator cannot
-        give it to a single accelerometer.
+        Its size in an accelerometer that passes its data sheet all the same; None where the
+        emulator cannot give it to one accelerometer alone.
+    changes : str
+        Term of the model that it changes over temperature; without that term there is nothing to
+        change.
     """
 
     name: str
@@ -99,6 +102,7 @@ class ThermalEffect:
     event: bool = False
     cause: Cause = "accelerometer"
     example: Example | None = None
+    changes: str = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -110,19 +114,39 @@ class Context:
     run_s: float
     hours: float
     step_times_h: tuple[float, ...] = ()
+    x_range_c: tuple[float, float] = (0.0, 0.0)
     term_names: frozenset[str] = field(default=frozenset())
 
 
 def context_of(
-    model: ErrorModel, runs: int, run_s: float, hours: float, steps: Sequence[float]
+    model: ErrorModel,
+    runs: int,
+    run_s: float,
+    hours: float,
+    steps: Sequence[float],
+    x_range_c: tuple[float, float] = (-50.0, 50.0),
 ) -> Context:
-    """Return the context of a model on some runs."""
+    """Return the context of a model on some runs.
+
+    Parameters
+    ----------
+    model : ErrorModel
+    runs : int
+        Their number.
+    run_s, hours : float
+        Length of the longest run, s; from the first reading to the last, h.
+    steps : sequence of float
+        Times at which a step is tried, h.
+    x_range_c : (float, float)
+        Range of temperature less the reference temperature, °C.
+    """
     return Context(
         model=model,
         runs=runs,
         run_s=run_s,
         hours=hours,
         step_times_h=tuple(steps),
+        x_range_c=x_range_c,
         term_names=frozenset(t.name for t in model.terms),
     )
 

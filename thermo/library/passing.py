@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from errormodel.arrays import FloatArray
 from errormodel.terms import Effect, Parameter, Term
 from thermo.library.effects import (
     EVENT_SHARE,
@@ -18,7 +19,7 @@ from thermo.library.effects import (
     plain_form,
 )
 
-MAX_RUNS = 12  # whose turn-on offsets have names
+MAX_RUNS = 64  # whose turn-on offsets have names
 
 
 def run_in() -> Term:
@@ -131,6 +132,36 @@ def bias_drift() -> Term:
     )
 
 
+DAY_H = 24.0
+_DAILY: tuple[tuple[str, Callable[[FloatArray], FloatArray]], ...] = (
+    ("sin", np.sin),
+    ("cos", np.cos),
+)
+
+
+def daily(wave: str) -> Term:
+    """Return the sine or the cosine of a bias with the period of a day."""
+    function = dict(_DAILY)[wave]
+    return one_column(
+        f"daily_{wave}",
+        symbol=f"d{wave}",
+        unit="µg",
+        sentence="The bias has the period of a day, as the room's temperature or mains have.",
+        column=lambda r: function(2.0 * np.pi * r["elapsed_h"] / DAY_H),
+        needs=("elapsed_h",),
+        family="daily_period",
+        label=wave,
+        min_share=EVENT_SHARE,
+        predictive=False,
+    )
+
+
+def _daily(at: Context) -> Sequence[Form]:
+    """Return the form of a daily period; half a day is a drift."""
+    terms = tuple(f"daily_{wave}" for wave, _ in _DAILY)
+    return [Form(terms=terms)] if at.hours > 0.75 * DAY_H and not set(terms) & at.term_names else []
+
+
 def _relaxing(
     name: str, parameter: str, range_of: Callable[[Context], tuple[float, float]]
 ) -> Callable[[Context], Sequence[Form]]:
@@ -171,6 +202,7 @@ TERMS: dict[str, Callable[[], Effect]] = {
     **{turn_on_name(k): (lambda k=k: turn_on_offset(k)) for k in range(1, MAX_RUNS)},
     "bias_step": bias_step,
     "bias_drift": bias_drift,
+    **{f"daily_{wave}": (lambda wave=wave: daily(wave)) for wave, _ in _DAILY},
 }
 EFFECTS = (
     ThermalEffect(
@@ -223,5 +255,13 @@ EFFECTS = (
         # assumed, as after transport: no data sheet allows it for a week, and 2 µg/h over a night
         # are what a random walk may do as well
         example=Example(term="bias_drift", values={"bias_drift": 5 / MICRO}),
+    ),
+    ThermalEffect(
+        name="daily_period",
+        sentence="The bias has the period of a day, {size}.",
+        forms=_daily,
+        experiment="a hold at one temperature over two days, with the room's temperature recorded",
+        event=True,
+        cause="run",
     ),
 )

@@ -22,7 +22,7 @@ from accelbench.shell.outputs import json_option
     metavar="EFFECT",
     is_flag=False,
     flag_value="",
-    help="Hide an effect in one accelerometer and find it.",
+    help="Hide an effect in one accelerometer and find it; unknown: one that is in no library.",
 )
 @click.option(
     "--speed",
@@ -48,7 +48,8 @@ def demo(**given: Any) -> int:
 
     With --hidden one of three accelerometers has an effect that the program is not told of: it is
     measured, named by `discrepancy` from the recorded file, and the larger model is emulated beside
-    the next run. In Python: accelbench.commands.demo.hidden.run_hidden_demo.
+    the next run. With --hidden unknown the effect is in no library: a shape is built in place
+    of a name. In Python: accelbench.commands.demo.hidden.run_hidden_demo.
     """
     from accelbench.commands.demo.work import demo as work
 

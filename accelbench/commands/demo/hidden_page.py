@@ -63,6 +63,11 @@ class NextRun:
         """Rms over the readings; see `told`."""
         return rms(self.told(self.after_ug))
 
+    @property
+    def over_noise(self) -> float:
+        """The gap with the larger model over what noise alone leaves."""
+        return self.gap_after_ug / self.floor_ug
+
     def told(self, values: FloatArray) -> FloatArray:
         """Return what a model could have told: all, or all but level and slope in time.
 
@@ -108,7 +113,7 @@ def next_run_lines(one: NextRun) -> tuple[str, ...]:
     text = (
         f"In the next run {one.serial} is {number(one.gap_before_ug)} µg from the present model in "
         f"the emulator and {number(one.gap_after_ug)} µg from the larger one; noise alone "
-        f"{number(one.floor_ug)} µg."
+        f"{number(one.floor_ug)} µg, and the larger model {number(one.over_noise, 3)} times that."
     )
     if one.predictive:
         return (text,)

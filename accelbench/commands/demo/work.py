@@ -61,7 +61,7 @@ def _hidden(out: Path, effect: str, speed: float | None, seed: int, as_json: boo
     from accelbench.commands.demo.hidden import run_hidden_demo  # its search takes its second
     from accelbench.commands.demo.hidden_text import hidden_document, hidden_text
 
-    plantable(effect)
+    plantable(effect, seed)
     if speed is not None:
         raise InputError("demo", "--speed", "is allowed only without --hidden")
 

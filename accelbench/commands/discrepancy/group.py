@@ -12,7 +12,7 @@ DISCREPANCY_COMMANDS = {
         "Name what the model of accelerometers over temperature lacks.",
     ),
     "rig": (
-        "discrepancy.rig_command",
+        "discrepancy.rig.command",
         "discrepancy_rig",
         "Name what the model of a SINS on a rig lacks.",
     ),

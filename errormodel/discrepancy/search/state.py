@@ -1,5 +1,6 @@
 """The state of a search: an immutable value that each step takes and returns."""
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
@@ -37,6 +38,23 @@ class Slot:
     p_value: float
     rivals: tuple[tuple[str, float], ...]
     alias: tuple[str, ...]
+
+    @property
+    def weights(self) -> Mapping[str, float]:
+        """Posterior weight of the effect and of each rival, alike beforehand; they add up to one.
+
+        A score is twice the log-likelihood beyond what chance gives, so that a rival which lies b
+        below the best is exp(−b/2) times as probable.
+        """
+        odds = {self.choice.name: 1.0} | {n: math.exp(-0.5 * b) for n, b in self.rivals}
+        total = sum(odds.values())
+        return {name: value / total for name, value in odds.items()}
+
+    @property
+    def weight(self) -> float:
+        """Posterior weight of what is said of it: of the name, or of its alias set."""
+        said = {self.choice.name, *self.alias}
+        return sum(w for name, w in self.weights.items() if name in said)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

@@ -92,7 +92,9 @@ def _moved(fitted: Fitted, step: FloatArray) -> dict[str, float]:
         value = moved[name] + change
         if name in bounds:
             lo, hi = bounds[name]
-            value = min(max(value, lo, moved[name] / 2.0), hi, max(moved[name] * 2.0, lo))
+            if lo > 0.0:  # a scale: no more than twice or half at once
+                lo, hi = max(lo, moved[name] / 2.0), min(hi, max(moved[name] * 2.0, lo))
+            value = min(max(value, lo), hi)
         moved[name] = value
     return moved
 

@@ -61,6 +61,7 @@ class ThermalSource:
             self.blocks.times.span_s,
             float(np.ptp(elapsed)),
             np.unique(inner[::every]).tolist(),
+            (float(self.seen.temp.min()), float(self.seen.temp.max())),
         )
 
     def forms(self, effect: ThermalEffect) -> Sequence[Form]:

@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from accelbench.cli import main
 from accelbench.commands.discrepancy.larger_model import model_files, model_lines
 from accelbench.commands.discrepancy.text import verdict_lines
 from tests.thermo.discrepancy.examples import hidden_runs
@@ -35,7 +36,7 @@ def again(good: RecordedRuns, frame: pd.DataFrame) -> RecordedRuns:
 
 def many_runs(f: pd.DataFrame) -> pd.DataFrame:
     one = f[f["run"] == f["run"].iloc[0]]
-    return pd.concat([one.assign(run=f"m{k}", output=one["output"] + 1e-9 * k) for k in range(13)])
+    return pd.concat([one.assign(run=f"m{k}", output=one["output"] + 1e-9 * k) for k in range(65)])
 
 
 def short_run(f: pd.DataFrame) -> pd.DataFrame:
@@ -61,7 +62,7 @@ def thermistor_noise(f: pd.DataFrame) -> pd.DataFrame:
     [
         (lambda f: f.iloc[:3], "serial A: 3 readings, at least 200 expected"),
         (short_run, "run 4 has 3 readings, at least 30 expected; leave it out"),
-        (many_runs, "13 runs, at most 12 expected"),
+        (many_runs, "65 runs, at most 64 expected"),
         (lambda f: f.assign(flag="gap"), "every reading is flagged"),
         (
             lambda f: f.assign(position_deg=0.0),
@@ -147,3 +148,18 @@ def test_two_accelerometers_have_a_model_each(good: RecordedRuns, tmp_path: Path
     assert told[3:] == [
         "left out for B, these runs cannot determine all of its parameters: delta_p, k_io"
     ]
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "complaint"),
+    [
+        ("--max-hours", ["0"], "0, expected more than 0"),
+        ("--temperatures", ["60", "-20"], "expected the coldest and then the hottest"),
+        ("--angles", ["0,ninety"], "'0,ninety', expected angles in °"),
+    ],
+)
+def test_what_no_laboratory_can_do_is_refused(
+    option: str, value: list[str], complaint: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["discrepancy", "thermal", "none.csv", option, *value]) == 2
+    assert complaint in capsys.readouterr().err

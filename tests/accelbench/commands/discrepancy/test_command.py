@@ -43,7 +43,7 @@ def test_one_document_and_files_that_others_take(
     assert set(document) >= KEYS
     assert document["verdict"] == "named"
     (effect,) = document["effects"]
-    assert set(effect) == {"name", "parameters", "strength_d", "p_value", "sentence"}
+    assert set(effect) == {"name", "parameters", "strength_d", "share", "p_value", "sentence"}
     assert effect["name"] == "bias_hysteresis"
     assert set(effect["parameters"]["bias_hysteresis"]) == {"value", "sigma", "unit"}
     assert document["where"]["factor"] == "direction"

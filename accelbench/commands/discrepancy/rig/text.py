@@ -6,9 +6,11 @@ from typing import Any
 import numpy as np
 from rich.console import RenderableType
 
+from accelbench.commands.discrepancy.shares_text import share_lines, shares_document
 from accelbench.commands.discrepancy.text import VERDICT_WORDS, conclusion_document, rival_lines
 from accelbench.commands.fit.text import value_and_sigma
 from accelbench.shell.console import number, table
+from errormodel.discrepancy.shares import shares_of
 from errormodel.terms import Told
 from sinscal.calibration.consistency import FORCES
 from sinscal.discrepancy.find import RigDiscrepancy
@@ -32,6 +34,7 @@ def where_words(d: RigDiscrepancy) -> str:
 
 def rig_document(d: RigDiscrepancy) -> dict[str, Any]:
     """Return what `discrepancy rig --json` writes."""
+    shares = shares_of(d)
     return {
         "verdict": d.verdict,
         "mode": d.source.mode,
@@ -43,6 +46,7 @@ def rig_document(d: RigDiscrepancy) -> dict[str, Any]:
                     for n, p in e.parameters.items()
                 },
                 "strength_d": e.strength_d,
+                "share": shares.names.get(e.effect.name, 0.0),
                 "p_value": e.p_value,
                 "sentence": e.effect.sentence,
             }
@@ -82,6 +86,7 @@ def rig_document(d: RigDiscrepancy) -> dict[str, Any]:
             for n in d.noise
         },
         **conclusion_document(d),
+        **shares_document(d, shares),
     }
 
 
@@ -96,6 +101,7 @@ def rig_lines(d: RigDiscrepancy) -> Iterator[str]:
         strength, p = number(e.strength_d, 3), number(e.p_value, 2)
         yield f"{e.effect.name}: {e.effect.sentence} Strength {strength}, p {p}."
     yield from rival_lines(d)
+    yield from share_lines(d, shares_of(d))
     if d.drift:
         told = d.drift.sentence
         yield f"{told[0].upper()}{told[1:]}: a random walk, or an unrecorded change of temperature."

@@ -3,8 +3,8 @@
 from collections.abc import Mapping
 from pathlib import Path
 
-from accelbench.commands.discrepancy.rig_figures import draw_cycles, draw_innovations_by_factor
-from accelbench.commands.discrepancy.rig_text import rig_lines, told_noise, told_parameters
+from accelbench.commands.discrepancy.rig.figures import draw_cycles, draw_innovations_by_factor
+from accelbench.commands.discrepancy.rig.text import rig_lines, told_noise, told_parameters
 from accelbench.commands.discrepancy.text import VERDICT_WORDS
 from accelbench.commands.discrepancy.verdict_page import VerdictPage, render_verdicts, rival_rows
 from accelbench.shell.console import number

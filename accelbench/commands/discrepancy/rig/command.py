@@ -25,6 +25,6 @@ def discrepancy_rig(**given: Any) -> None:
     Several files hold cycles that follow one another. Without --model the present model has biases,
     scale errors and misalignments. In Python: accelbench.rig.discrepancy.
     """
-    from accelbench.commands.discrepancy.rig_work import discrepancy_rig as work
+    from accelbench.commands.discrepancy.rig.work import discrepancy_rig as work
 
     work(**given)

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from accelbench.commands.discrepancy.options import tell
-from accelbench.commands.discrepancy.rig_text import enlarged, rig_document, rig_text
+from accelbench.commands.discrepancy.rig.text import enlarged, rig_document, rig_text
 from accelbench.shell.outputs import Results, check_results, with_sidecars
 from sinscal.discrepancy.find import RigDiscrepancy, find_rig_discrepancy
 from sinscal.library import rig_library
@@ -40,7 +40,7 @@ def _larger_model(found: RigDiscrepancy) -> str:
 
 
 def _pages(found: RigDiscrepancy, run: RigRun) -> dict[str, bytes]:
-    from accelbench.commands.discrepancy.rig_page import (
+    from accelbench.commands.discrepancy.rig.page import (
         render_rig_discrepancy,  # matplotlib takes its second
     )
 
