@@ -180,8 +180,8 @@ def test_degrees_of_freedom_are_those_of_the_strata() -> None:
 @pytest.mark.parametrize(
     ("factors", "said"),
     [
-        ([RandomFactor(name="run", codes=np.zeros(6))], "run cannot be told"),
-        ([RandomFactor(name="run", codes=np.arange(6))], "noise cannot be told"),
+        ([RandomFactor(name="run", codes=np.zeros(6))], "run cannot be separated"),
+        ([RandomFactor(name="run", codes=np.arange(6))], "noise cannot be separated"),
         ([RandomFactor(name="run", codes=np.arange(5) % 2)], "expected 6 rows"),
         ([RandomFactor(name="run", codes=np.arange(6) % k) for k in (2, 3)], "twice"),
     ],

@@ -89,7 +89,7 @@ def test_noise_that_is_stated_a_little_wrong_is_measured(factor: float) -> None:
     judged = calibrate_and_judge(replace(run, facts=facts), Options())
     assert judged.passed
     assert names_of(judged.warnings) == {"noise_misstated"}
-    told = re.findall(r"(\w+) noise is ([\d.]+) times what is stated", " ".join(judged.warnings))
+    told = re.findall(r"(\w+) noise is ([\d.]+) times the stated value", " ".join(judged.warnings))
     assert [sensor for sensor, _ in told] == ["gyro", "accelerometer"]
     assert all(abs(float(found) * factor - 1.0) < 0.08 for _, found in told)
     # third differences know a density to some 2 %
