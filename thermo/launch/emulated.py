@@ -69,6 +69,7 @@ def run_emulated(
     control: RunControl | None = None,
     take_over: bool = False,
     on_begun: Callable[[str], None] | None = None,
+    log_to_store: bool = False,
 ) -> TestOutcome:
     """Run a test on emulated instruments in this process, over real sockets and terminals.
 
@@ -85,7 +86,7 @@ def run_emulated(
         Of the twin.
     clock : Clock, optional
         A `SteppedClock` if not given: the night passes as fast as the machine can compute it.
-    observers, control, take_over, on_begun
+    observers, control, take_over, on_begun, log_to_store
         As for `run_on_station`. There is no guardian: the chamber ends with the process.
 
     Returns
@@ -103,6 +104,7 @@ def run_emulated(
             guard=False,
             take_over=take_over,
             on_begun=on_begun or (lambda _: None),
+            log_to_store=log_to_store,
         )
 
 

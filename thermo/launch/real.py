@@ -66,6 +66,7 @@ def run_on_station(
     take_over: bool = False,
     silence_s: float | None = None,
     on_begun: Callable[[str], None] = _nobody,
+    log_to_store: bool = False,
 ) -> TestOutcome:
     """Run a test, or go on with one, on the instruments of a station file.
 
@@ -92,6 +93,9 @@ def run_on_station(
     on_begun : callable
         Called with the test's id when the store has it and before anything is commanded; what it
         raises ends the test.
+    log_to_store : bool
+        Whether the program's warnings become events of the test, of the kind "log": where nobody
+        sees a terminal.
 
     Returns
     -------
@@ -140,6 +144,7 @@ def run_on_station(
                     period_s,
                     health=health,
                     pid_start=process_start(os.getpid()),
+                    log_to_store=log_to_store,
                 )
             )
             outcome = run_test(

@@ -16,7 +16,7 @@ from typing import Literal, Self
 
 from drivers.clock import Clock
 from errormodel.errors import StoreError
-from thermo.station.link_notes import TestNotes
+from thermo.station.link_notes import NotedWarnings, TestNotes
 from thermo.station.outcome import RunControl, TestOutcome
 from thermo.store.database import utc_now
 from thermo.store.operation.alarms import raise_alarm
@@ -80,6 +80,8 @@ class ControllerLink:
         Asked in the link's thread; it must not wait.
     pid_start : int, optional
         When this process began, in clock ticks since boot.
+    log_to_store : bool
+        Whether the program's warnings become events of the test.
     """
 
     def __init__(
@@ -91,6 +93,7 @@ class ControllerLink:
         *,
         health: Callable[[], Health] = Health,
         pid_start: int | None = None,
+        log_to_store: bool = False,
     ) -> None:
         self._url = store_url
         self._control = control
@@ -98,6 +101,7 @@ class ControllerLink:
         self._health = health
         self._speed: float | None = getattr(clock, "speed", None)
         self._pid_start = pid_start
+        self._log_handler = NotedWarnings(self.notes) if log_to_store else None
         self._pending: list[_Pending] = []
         self._beat: ControllerBeat | None = None
         self._beat_due_s = 0.0
@@ -120,6 +124,8 @@ class ControllerLink:
             beat_utc=now,
             speed=self._speed,
         )
+        if self._log_handler is not None:
+            logging.getLogger().addHandler(self._log_handler)
         self._thread = threading.Thread(target=self._work, name="controller link", daemon=True)
         self._thread.start()
 
@@ -142,6 +148,8 @@ class ControllerLink:
         self._outcome = outcome
         self._ending.set()
         self._thread.join(END_S)
+        if self._log_handler is not None:
+            logging.getLogger().removeHandler(self._log_handler)
         if self._thread.is_alive():
             log.warning("the store does not answer: the end is not among its heartbeats and alarms")
 
@@ -202,6 +210,8 @@ class ControllerLink:
             if health.store:
                 self.notes.add_alarm("store", health.store)
         self._tell_alarms(store)
+        for stamp, text in self.notes.take_warnings():
+            store.log_event(test_id, None, None, "log", text, stamp)
         if ending:
             self._tell_end(store)
         if ending or time.monotonic() >= self._beat_due_s:

@@ -1,5 +1,6 @@
 """Notes that a running test leaves for its link: kept in memory, taken by another thread."""
 
+import logging
 import threading
 from collections import deque
 from collections.abc import Mapping, Sequence
@@ -7,6 +8,7 @@ from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 
 from thermo.station.outcome import Event, Progress
+from thermo.store.database import utc_now
 from thermo.store.operation.alarm_kinds import Kind
 from thermo.store.operation.controllers import ControllerBeat
 from thermo.store.records import ReadingRow
@@ -50,6 +52,7 @@ class TestNotes:
         self._lateness_s: float | None = None
         self._max_lateness_s: float | None = None
         self._last_fault = ""
+        self._warnings: deque[tuple[str, str]] = deque(maxlen=KEPT_EVENTS)
 
     # ---- in the test's thread
 
@@ -112,6 +115,14 @@ class TestNotes:
             found, self._alarms = self._alarms, {}
         return found
 
+    def add_warning(self, text: str) -> None:
+        """Add a warning of the program; never waits for the lock, for it may come from within."""
+        self._warnings.append((utc_now(), text))
+
+    def take_warnings(self) -> list[tuple[str, str]]:
+        """Take the warnings there are, each with its moment."""
+        return [self._warnings.popleft() for _ in range(len(self._warnings))]
+
     def fill(self, beat: ControllerBeat, *, ending: bool) -> ControllerBeat:
         """Return a heartbeat with what is known of the test now."""
         with self._lock:
@@ -144,6 +155,27 @@ class TestNotes:
     def _add(self, kind: Kind, text: str, times: int = 1) -> None:
         first, before = self._alarms.get(kind, (text, 0))
         self._alarms[kind] = (first, before + times)
+
+
+class NotedWarnings(logging.Handler):
+    """Keeps the program's warnings among a test's notes.
+
+    Parameters
+    ----------
+    notes : TestNotes
+    """
+
+    def __init__(self, notes: TestNotes) -> None:
+        super().__init__(logging.WARNING)
+        self._notes = notes
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Take one record; of an exception its last line."""
+        text = " ".join(record.getMessage().split())
+        if record.exc_info and record.exc_info[1] is not None:
+            err = record.exc_info[1]
+            text += f": {type(err).__name__}: {err}"
+        self._notes.add_warning(f"{record.name}: {text}")
 
 
 def _end_utc(left_s: float, speed: float | None) -> str | None:
