@@ -132,10 +132,11 @@ def hold_while_paused(
         When somebody else changed the chamber meanwhile, and the wait for the operator is over.
     """
     control, clock = session.control, session.clock
+    began_s = clock.now_s()
     session.journal.event("pause", "; ".join(s for s in (what, control.why_paused) if s))
     while control.paused:
         session.show("pause", temp_c, left_s, slot, segment)
         session.sleep_until(clock.now_s() + CHECK_S, while_paused=True)
         told = told or session.tell_chamber(lambda: session.station.chamber.hold_temp_c(temp_c))
         session.look_at_chamber(None if on_the_way else temp_c)
-    session.journal.event("pause over", what)
+    session.journal.event("pause over", f"after {clock.now_s() - began_s:.1f} s")
