@@ -87,8 +87,8 @@ def _collect(store: Store, record: GuardianRecord) -> None:
     known = [a for a in list_alarms(store, record.test_id) if a.kind == kind and a.text == text]
     if not known and (record.verified or record.needs_help):
         raise_alarm(store, kind, text, test_id=record.test_id)
-    if record.alive and not record.verified:
-        return  # it goes on trying, and telling
+    if record.alive:
+        return  # it has more to tell
     if store.is_claimed(record.test_id):
         return  # a controller that is stopped, or that takes it up itself
     try:

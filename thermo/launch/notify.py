@@ -10,6 +10,7 @@ import os
 import stat
 import threading
 import time
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
@@ -101,10 +102,14 @@ def deliver(url: str, title: str, body: str) -> str:
         import apprise
     except ImportError:
         return "needs Apprise: install accelbench[panel]"
-    sender = apprise.Apprise()
-    if not sender.add(url):
-        return f"{url.partition('://')[0]}://…: no address that Apprise knows"
-    with apprise.LogCapture(level=logging.WARNING, fmt="%(message)s") as said:
+    with (
+        warnings.catch_warnings(),
+        apprise.LogCapture(level=logging.WARNING, fmt="%(message)s") as said,
+    ):
+        warnings.simplefilter("ignore", DeprecationWarning)  # its modules are loaded at first use
+        sender = apprise.Apprise()
+        if not sender.add(url):
+            return f"{url.partition('://')[0]}://…: no address that Apprise knows"
         done = sender.notify(title=title, body=body)
     if done:
         return ""
@@ -209,7 +214,12 @@ class NoticeSender:
             name = address_digest(url)
             if name in done:
                 continue
-            if error := self._deliver(url, TITLE, notice.text):
+            try:
+                error = self._deliver(url, TITLE, notice.text)
+            except Exception as err:  # one address must not keep the others from being told
+                log.exception("notices: an error of the program")
+                error = type(err).__name__
+            if error:
                 errors.append(error)
             else:
                 done.add(name)
