@@ -18,15 +18,7 @@ from accelbench.lazy_names import lazy_names
 
 if TYPE_CHECKING:
     from accelbench import rig
-    from accelbench.api import (
-        combine,
-        compensate,
-        discrepancy,
-        fit,
-        foresee,
-        runin,
-        stability,
-    )
+    from accelbench.api import combine, compensate, discrepancy, fit, foresee, runin, stability
     from accelbench.result import Result
     from accelbench.shell.library import library
     from errormodel.errors import InputError, NotSeparableError, WorkbenchError
@@ -39,7 +31,7 @@ if TYPE_CHECKING:
     from thermo.planning.plan import make_plan
     from thermo.planning.sequence import load_sequence
     from thermo.recording.files import RecordedRuns, join_runs, make_runs, read_runs
-    from thermo.recording.foreign import import_log
+    from thermo.recording.foreign.read import import_log
     from thermo.recording.write import write_runs
     from thermo.station.job import make_job, make_resumed_job
     from thermo.store.files import open_existing_store, stored_runs
@@ -97,7 +89,7 @@ _HOMES = {
     "thermo.planning.plan": ("make_plan",),
     "thermo.planning.sequence": ("load_sequence",),
     "thermo.recording.files": ("RecordedRuns", "join_runs", "make_runs", "read_runs"),
-    "thermo.recording.foreign": ("import_log",),
+    "thermo.recording.foreign.read": ("import_log",),
     "thermo.recording.write": ("write_runs",),
     "thermo.station.job": ("make_job", "make_resumed_job"),
     "thermo.store.files": ("open_existing_store", "stored_runs"),

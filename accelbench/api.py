@@ -1,7 +1,7 @@
 """Python functions for what the commands do: values instead of files.
 
-A function here does what the command of its name does and returns a `Result`: what was found, the
-same document that the command writes with --json, a table and pictures.
+Each function does the work of the command with the same name and returns a `Result`: the values,
+the JSON document of the command, a table and figures.
 """
 
 from collections.abc import Iterable, Sequence
@@ -38,21 +38,21 @@ def fit(
     runs : RecordedRuns
         As `read_runs` gives them.
     terms : TermsFile, optional
-        The terms to fit; by default the data choose them.
+        The terms to fit; by default they are selected from the data.
     holdout : sequence of str
         Runs to predict instead of fitting them.
 
     Returns
     -------
     Result
-        `found` is the fits and the model file that `compensate` takes.
+        `found` contains the fits and the model file for `compensate`.
 
     Raises
     ------
     InputError
         If the runs lack what a fit needs.
     NotSeparableError
-        If the data cannot separate the terms given.
+        If the data cannot separate the given terms.
     """
     from accelbench.commands.fit.text import fit_document
     from thermo.compensation.model_file import make_model_file
@@ -83,12 +83,12 @@ def compensate(runs: "RecordedRuns", model: "ModelFile") -> "Result[Compensated]
     ----------
     runs : RecordedRuns
     model : ModelFile
-        As `read_model` reads it, or the second of what `fit` found.
+        From `read_model`, or the second element of `found` of `fit`.
 
     Returns
     -------
     Result
-        The table is that of the file that the command writes.
+        The table has the columns of the file that the command writes.
 
     Raises
     ------
@@ -152,17 +152,17 @@ def runin(
     confidence: float = 0.95,
     t_ref_c: float = 25.0,
 ) -> "Result[tuple[RunInVerdict, ...]]":
-    """Judge a run-in, each run a cycle: settled, or how many more; the twin of `accelbench runin`.
+    """Test whether a run-in has settled, one run per cycle; the twin of `accelbench runin`.
 
     Parameters
     ----------
     runs : RecordedRuns
     k0_limit_ug, k1_limit_ppm : float
-        The most that K0 and K1 may still change by.
+        Acceptable later changes of K0 and K1.
     confidence : float
-        That they will not.
+        Required probability that the changes stay within these limits.
     t_ref_c : float
-        Where they are judged.
+        Reference temperature of K0 and K1, °C.
 
     Returns
     -------
@@ -171,7 +171,8 @@ def runin(
     Raises
     ------
     InputError
-        If an accelerometer has fewer than three runs, or a run cannot give K0 (or K1) alone.
+        If an accelerometer has fewer than three runs, or a single run does not determine K0 (or
+        K1).
     """
     from accelbench.commands.run_in.text import run_in_document
     from thermo.planning.run_in_rule import RunInRule
@@ -214,7 +215,7 @@ def discrepancy(
     effects: Path | str | None = None,
     seed: int = 1,
 ) -> "Result[tuple[Discrepancy, ...]]":
-    """Find and name what the model lacks; the twin of `accelbench discrepancy thermal`.
+    """Find and name the effect that the model lacks; the twin of `accelbench discrepancy thermal`.
 
     Parameters
     ----------
@@ -224,7 +225,7 @@ def discrepancy(
     effects : path, optional
         A file of your own; the same as a block of `accelbench.library`.
     seed : int
-        Of the simulated nulls.
+        Random seed of the simulated nulls.
 
     Returns
     -------
@@ -243,9 +244,9 @@ def discrepancy(
     document = discrepancy_document(found)
 
     def pictures() -> "Iterable[Picture]":
-        from accelbench.commands.discrepancy.figures import draw_factor, draw_gap
+        from accelbench.commands.discrepancy.figures import draw_verdict
 
-        return [draw(one) for one in found for draw in (draw_factor, draw_gap)]
+        return [picture for one in found for picture in draw_verdict(one)]
 
     return Result(
         title="discrepancy: " + ", ".join(f"{d.serial} {d.verdict}" for d in found),
@@ -264,17 +265,17 @@ def discrepancy(
 
 
 def foresee(plan: "Plan") -> "Result[tuple[MountingForeseen, ...]]":
-    """Say what a planned test can separate, and how well; the twin of `accelbench run --dry-run`.
+    """Predict the sigmas of a planned test; the twin of `accelbench run --dry-run`.
 
     Parameters
     ----------
     plan : Plan
-        As `make_plan` makes it.
+        From `make_plan`.
 
     Returns
     -------
     Result
-        One row a coefficient and a way of mounting, with its expected sigma.
+        One row per coefficient and mounting, with its expected sigma.
     """
     from accelbench.commands.run.dry_run import foresee_plan, plan_document
 
@@ -311,7 +312,7 @@ def combine(
     model : ModelFile
         The chamber models.
     serials : tuple of str, optional
-        Those on x, y and z; by default the model's three in their order.
+        Serial numbers on x, y and z; by default the three of the model in their order.
     mode : "coarse" or "precise"
         Without or with the rig's angle.
     groups : sequence of str

@@ -29,11 +29,19 @@ COMMANDS = {
     "control": ("control.group", "control", "Pause, resume or abort a running test; the queue."),
     "runs": ("run.store_commands", "runs", "List the tests in a store."),
     "export": ("run.store_commands", "export", "Write a test of a store as a recorded run."),
-    "import": ("fit.command", "import_", "Make a recorded run of somebody else's log."),
+    "import": ("fit.command", "import_", "Convert a log recorded by others into a recorded run."),
     "fit": ("fit.command", "fit", "Fit each accelerometer's error model over temperature."),
-    "runin": ("run_in.command", "runin", "Judge a run-in: settled, or how many cycles more."),
+    "runin": (
+        "run_in.command",
+        "runin",
+        "Test whether a run-in has settled, or how many cycles it still needs.",
+    ),
     "compensate": ("fit.command", "compensate", "Apply a model to recorded runs."),
-    "stability": ("stability.command", "stability", "Compare runs: does each coefficient repeat?"),
+    "stability": (
+        "stability.command",
+        "stability",
+        "Compare runs: repeatability of each coefficient.",
+    ),
     "rig": ("rig.group", "rig", "Plan, simulate and evaluate the rig calibration of a SINS."),
     "combine": ("combine.command", "combine", "Calibrate a SINS with its chamber models."),
     "discrepancy": (

@@ -43,7 +43,7 @@ def foreign_packages(home: Path | None = None) -> dict[str, str]:
 def main() -> int:
     """Run the command; exit code 2 with one line when a package is somebody else's."""
     for name, place in foreign_packages().items():
-        problem = f"is somebody else's, at {place}" if place else "is missing"
+        problem = f"is a different package, at {place}" if place else "is missing"
         sys.stderr.write(
             f"accelbench: package {name} {problem}; install accelbench in an environment of its "
             "own: pipx install accelbench\n"

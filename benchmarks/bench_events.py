@@ -33,7 +33,7 @@ from errormodel.noise.floor import PENALTY
 from errormodel.noise.likelihood import RestrictedLikelihood
 from errormodel.noise.model import NoiseModel, drifting
 from thermo.discrepancy.baseline import bare_baseline
-from thermo.discrepancy.source import ThermalSource
+from thermo.discrepancy.problem.source import ThermalSource
 from thermo.recording.channel import channel_of
 from thermo.recording.files import read_runs
 

@@ -1,6 +1,6 @@
 """How fast the joint fit is, against its peers on the same data, in one run.
 
-    .venv/bin/python benchmarks/bench_fit.py
+    .venv/bin/python -m benchmarks.bench_fit
 
 Prints medians and ratios. The peers are numpy.linalg.lstsq on the linearised columns (no physical
 coefficients, no noise, no refusal: the least that any fit can cost) and lmfit's Minimizer
@@ -18,7 +18,8 @@ from collections.abc import Callable
 import lmfit
 import numpy as np
 
-from errormodel.fit import fit, fit_many
+from benchmarks.fit_many import fit_many
+from errormodel.fit import fit
 from errormodel.model import ErrorModel
 from errormodel.noise.model import NoiseModel
 from errormodel.record import Record

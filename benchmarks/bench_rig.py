@@ -30,7 +30,8 @@ from pyins import filters, inertial_sensor, measurements, sim, strapdown
 from sinscal.calibration.rig import calibrate
 from sinscal.filter.data import RigNoise
 from sinscal.frames.earth import DEG_PER_H
-from sinscal.judgement.judge import Options, calibrate_and_judge
+from sinscal.judgement.options import Options
+from sinscal.judgement.procedure import calibrate_and_judge
 from sinscal.library import BASIC
 from sinscal.model.priors import make_prior
 from sinscal.model.sensors import sensor_model

@@ -29,7 +29,7 @@ from errormodel.noise.model import NoiseModel
 from tests.thermo.discrepancy.examples import hidden_runs
 from thermo.discrepancy.baseline import bare_baseline
 from thermo.discrepancy.find import find_discrepancy
-from thermo.discrepancy.source import ThermalSource
+from thermo.discrepancy.problem.source import ThermalSource
 from thermo.library import thermal_library
 from thermo.recording.channel import channel_of
 from thermo.recording.files import RecordedRuns

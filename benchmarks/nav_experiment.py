@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 
 from accelbench.shell.plotting import dress, legend_below, new_figure, picture
-from sinscal.article.experiment import Experiment, navigation_experiment
+from sinscal.article.experiment import ArticleExperiment, navigation_experiment
 from sinscal.calibration.nav_outputs import position_errors
 
 PICTURE = Path(__file__).parents[1] / "docs/pictures/nav-experiment.png"
 
 
-def draw(done: Experiment) -> bytes:
+def draw(done: ArticleExperiment) -> bytes:
     figure = new_figure(9.0, 5.2)
     panels = figure.subplots(2, 1, sharex=True)
     parts = ((done.before, "#D55E00", "before"), (done.after, "#0072B2", "compensated"))

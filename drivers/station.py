@@ -239,10 +239,10 @@ class StationConfig(_Section):
             raise ValueError("inputs: a digitiser channel is used twice")
         names = [s.name for s in self.signals]
         if len(set(names)) != len(names):
-            raise ValueError("signals: a name stands twice")
+            raise ValueError("signals: a name is listed twice")
         serials = [i.serial for i in self.inputs]
         if len(set(serials)) != len(serials):
-            raise ValueError("inputs: a serial number stands twice")
+            raise ValueError("inputs: a serial number is listed twice")
         model = self.chamber.model
         for fault in self.emulation.faults if self.emulation is not None else ():
             if fault.kind in CHAMBER_MODELS[model].hidden:

@@ -1,9 +1,9 @@
-"""Batch least squares of an error model, with sigmas that hold under slow drift.
+"""Batch least squares of an error model, with sigmas that are valid under slow drift.
 
 The output is linear in the products of scale and input columns whatever the coefficients, so the
 whitened products are compressed once by QR; Gauss-Newton on the physical coefficients then runs on
-a matrix as small as the model, for one channel or for a thousand that shared their inputs.
-Nonlinear parameters are fitted continuously outside of that (variable projection).
+a matrix as small as the model. Nonlinear parameters are fitted continuously outside of that
+(variable projection).
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -11,28 +11,22 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy import linalg, optimize
+from scipy import optimize
 
 from errormodel.arrays import FloatArray, freeze, readonly
 from errormodel.blocks import block_slices
 from errormodel.columns import Columns, derivative
+from errormodel.covariance import equal_weight_covariance, noise_weight_covariance
 from errormodel.errors import NotSeparableError
-from errormodel.linear import (
-    Compressed,
-    compress,
-    compressed,
-    solve_compressed,
-    triangle_of,
-)
+from errormodel.linear import Compressed, compressed, solve_compressed, triangle_of
 from errormodel.model import ErrorModel
 from errormodel.noise.drift_or_white import estimate_noise_of
 from errormodel.noise.model import NoiseFit, NoiseModel, given_noise
-from errormodel.noise.whitening import BlockWhitener, drift_product
+from errormodel.noise.whitening import BlockWhitener
 from errormodel.record import Record
 from errormodel.separability import Separability, separability
 
 Weighting = Literal["equal", "noise"]
-Support = Sequence[tuple[float, NoiseModel]]
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -46,9 +40,9 @@ class ModelFit:
     values : ndarray, shape (p,)
         In the model's unit.
     cov : ndarray, shape (p, p)
-        Covariance, with the share that comes from not knowing the noise exactly.
+        Covariance, including the uncertainty of the noise.
     noise : NoiseModel
-        What was estimated, or given.
+        The estimated or given noise.
     rms : float
         Root mean square of the residual over readings, unit of the input.
     n : int
@@ -104,17 +98,17 @@ def fit(
     record : Record
         With `output` of shape (n,), in the unit of the model's input.
     noise : NoiseModel or NoiseFit, optional
-        The noise when it is known, or has been estimated from more than this record; by default
-        white noise and drift are estimated.
+        The noise, if it is known or was estimated from more data; by default white noise and drift
+        are estimated.
     weighting : {"equal", "noise"}
-        Every reading counts alike, or as the noise says (generalised least squares). The sigmas
-        are those of the noise either way. Equal weights keep the smallest rms when the model
-        lacks an effect, because the missing effect then poses as drift.
+        Equal weights, or weights from the noise (generalised least squares). The sigmas are
+        computed from the noise in both cases. Equal weights give the smallest rms if the model
+        lacks an effect, because a missing effect resembles drift.
     start : mapping, optional
         Start values by name; default: an ideal channel.
     by_run : sequence of str
-        Coefficients that may differ from run to run. They are estimated in common, but the noise
-        is that within the runs: what differs is not taken for drift.
+        Coefficients that may differ from run to run. One common value is estimated, but the noise
+        is that within the runs, so differences between runs are not taken for drift.
 
     Returns
     -------
@@ -125,7 +119,7 @@ def fit(
     NotSeparableError
         If the data cannot separate some coefficients; it names them.
     ValueError
-        If the record has no output or fewer readings than unknowns.
+        If the record has no output or fewer readings than parameters.
     """
     output = _single_output(model, record)
     values = {**model.start_values(), **(start or {})}
@@ -140,7 +134,7 @@ def fit(
             values = _solve(model, record, output, found.noise, values)
             columns, residual = _linearised(model, record, output, values)
             found = estimate_noise_of(record, residual, columns, own_columns=own)
-    if model.parameters:  # they had no effect to judge while their coefficients were zero
+    if model.parameters:  # they had no effect to test while their coefficients were zero
         _refuse(separability(columns.triangle(), model.names, _min_shares(model)))
     return _result(model, values, record, columns, residual, found, weighting)
 
@@ -171,7 +165,7 @@ def fit_values(
 def _linearised(
     model: ErrorModel, record: Record, output: FloatArray, values: Mapping[str, float]
 ) -> tuple[Columns, FloatArray]:
-    """Return the derivative and the residual."""
+    """Return the Jacobian and the residual."""
     residual = model.simulate(record, values)
     np.subtract(output, residual, out=residual)
     return Columns(model, record, values), residual
@@ -181,7 +175,7 @@ def _single_output(model: ErrorModel, record: Record) -> FloatArray:
     if record.output is None or record.output.ndim != 1:
         raise ValueError("the record must have one measured output")
     if len(record) <= len(model.names):
-        raise ValueError(f"{len(record)} readings cannot give {len(model.names)} unknowns")
+        raise ValueError(f"{len(record)} readings cannot determine {len(model.names)} unknowns")
     return record.output
 
 
@@ -194,11 +188,11 @@ def _solve(
     *,
     check: bool = False,
 ) -> dict[str, float]:
-    """Return the least-squares values under a known noise; refuse what is confounded."""
+    """Return the least-squares values under a known noise; refuse inseparable coefficients."""
     names = [c.name for c in model.coefficients]
 
     def squeeze(parameters: Mapping[str, float]) -> Compressed:
-        """Return the small problem with the nonlinear parameters held."""
+        """Return the compressed problem with the nonlinear parameters fixed."""
         triangle: FloatArray | None = None
         for _, joint in whitened_products(model, record, output, noise, parameters):
             triangle = triangle_of(joint, triangle)
@@ -236,7 +230,7 @@ def whitened_products(
 
 
 def _examined(model: ErrorModel, data: Compressed, values: Mapping[str, float]) -> Separability:
-    """Judge the coefficients on the small problem: rotations keep every length and angle."""
+    """Test separability on the compressed problem: rotations keep every length and angle."""
     at = np.array([[values[c.name] for c in model.coefficients]])
     columns = data.triangle @ model.product_weights(at)[1][0]
     return separability(columns, [c.name for c in model.coefficients], _min_shares(model))
@@ -259,7 +253,7 @@ def _best_parameters(
     bounds = [(p.lo, p.hi) for p in model.parameters]
     best = dict(held)
     lowest = cost(best)
-    for p in model.parameters:  # one at a time: enough to land in the right valley
+    for p in model.parameters:  # one at a time: enough to find the right minimum
         grid = np.geomspace(p.lo, p.hi, 12) if p.lo > 0 else np.linspace(p.lo, p.hi, 13)
         for value in grid:
             tried = {**best, p.name: float(value)}
@@ -276,7 +270,7 @@ def _best_parameters(
 
 
 def examine(model: ErrorModel, record: Record, values: Mapping[str, float]) -> Separability:
-    """Tell what a record can separate of a model; the record needs no output."""
+    """Return which coefficients a record can separate; the record needs no output."""
     return separability(derivative(model, record, values), model.names, _min_shares(model))
 
 
@@ -289,11 +283,11 @@ def _result(
     found: NoiseFit,
     weighting: Weighting,
 ) -> ModelFit:
-    """Put the result together; the covariance is averaged over the noise the data allow."""
+    """Build the result; the covariance is averaged over the noise models that the data allow."""
     if weighting == "equal":
-        cov, condition = _equal_covariance(record, columns, found.support)
+        cov, condition = equal_weight_covariance(record, columns, found.support)
     else:
-        cov, condition = _noise_covariance(record, columns, residual, found.support)
+        cov, condition = noise_weight_covariance(record, columns, residual, found.support)
     squares = [float(np.sum(residual[rows] ** 2)) for rows in block_slices(len(record))]
     return ModelFit(
         model=model,
@@ -304,128 +298,4 @@ def _result(
         rms=float(np.sqrt(sum(squares) / len(record))),
         n=len(record),
         condition=condition,
-    )
-
-
-def expected_covariance(
-    model: ErrorModel, record: Record, values: Mapping[str, float], noise: NoiseModel
-) -> FloatArray:
-    """Return the covariance a fit with equal weights will have, before there is an output.
-
-    Returns
-    -------
-    ndarray, shape (p, p)
-        In the order of `model.names`.
-    """
-    columns = Columns(model, record, values)
-    return _equal_covariance(record, columns, given_noise(noise).support)[0]
-
-
-def _equal_covariance(
-    record: Record, columns: Columns, support: Support
-) -> tuple[FloatArray, float]:
-    """Return A V Aᵀ with A the least-squares inverse, averaged over the noises; and a condition."""
-    triangle = columns.triangle()
-    norms = np.linalg.norm(triangle, axis=0)  # those of the columns: rotations keep lengths
-    norms = np.where(norms > 0, norms, 1.0)
-    r = triangle / norms
-    inverse = linalg.pinv(r) / norms[:, None]
-    total = sum(share for share, _ in support)
-    cov = sum(s * noise.white**2 for s, noise in support) / total * (inverse @ inverse.T)
-    by_tau: dict[float, float] = {}
-    for share, noise in support:
-        weight = share / total * noise.drift**2
-        by_tau[noise.drift_tau_s] = by_tau.get(noise.drift_tau_s, 0.0) + weight
-    solved = inverse @ inverse.T
-    for tau_s, variance in by_tau.items():
-        if variance > 0.0:
-            spread = drift_product(record, tau_s, columns)
-            cov = cov + variance * (solved @ spread @ solved)
-    return cov, float(np.linalg.cond(r))
-
-
-def _noise_covariance(
-    record: Record, columns: Columns, residual: FloatArray, support: Support
-) -> tuple[FloatArray, float]:
-    """Return (Jᵀ V⁻¹ J)⁻¹ averaged over the noises, with how far the estimate moves with them."""
-    triangle = columns.triangle()
-    norms = np.linalg.norm(triangle, axis=0)
-    norms = np.where(norms > 0, norms, 1.0)
-    p = norms.size
-    steps: list[FloatArray] = []
-    covs: list[FloatArray] = []
-    for _, noise in support:
-        whitener, whitened = noise.block_whitener(p + 1), np.zeros((0, p + 1))
-        for rows, block in columns.blocks():
-            joint = np.column_stack([block / norms, residual[rows]])
-            white = whitener.whiten(record.view(rows), joint) / noise.white
-            whitened = triangle_of(white, whitened)
-        inverse = linalg.pinv(whitened[:p, :p])
-        steps.append(inverse @ whitened[:p, -1])
-        covs.append(inverse @ inverse.T)
-    share = np.array([w for w, _ in support]) / sum(w for w, _ in support)
-    apart = np.array(steps) - share @ np.array(steps)
-    within = np.einsum("i,ijk->jk", share, np.array(covs))
-    cov = within + np.einsum("i,ij,ik->jk", share, apart, apart)
-    return cov / np.outer(norms, norms), float(np.linalg.cond(triangle / norms))
-
-
-def fit_many(
-    model: ErrorModel, record: Record, *, noise: NoiseModel | None = None
-) -> tuple[ModelFit, ...]:
-    """Fit one model to many channels that shared their inputs, in one pass.
-
-    Parameters
-    ----------
-    model : ErrorModel
-        Without nonlinear parameters.
-    record : Record
-        With `output` of shape (n, m).
-    noise : NoiseModel, optional
-        The shape of the noise, common to all channels; its size is estimated for each. Default:
-        white.
-
-    Returns
-    -------
-    tuple of ModelFit, length m
-
-    Raises
-    ------
-    NotSeparableError
-        If the data cannot separate some coefficients.
-    ValueError
-        If the model has nonlinear parameters or the record no outputs.
-    """
-    if model.parameters:
-        raise ValueError("fit_many takes models without nonlinear parameters")
-    if record.output is None or record.output.ndim != 2:
-        raise ValueError("the record must have outputs of shape (n, m)")
-    shape = noise or NoiseModel()
-    start = model.start_values()
-    products = model.design(record, start)[0].products()
-    p = products.shape[1]
-    whitened = shape.whiten(record, np.column_stack([products, record.output]))
-    data = compress(whitened[:, :p], whitened[:, p:])
-    _refuse(_examined(model, data, start))
-    values, information, cost = solve_compressed(model, data, start)
-    factors = np.sqrt(cost / (len(record) - len(model.names)))
-    residual = record.output - products @ model.product_weights(values)[0].T
-    rms = np.sqrt(np.mean(residual**2, axis=0))
-    scales = np.sqrt(np.einsum("mcc->mc", information))
-    lengths = scales[:, :, None] * scales[:, None, :]
-    correlation = np.asarray(information / lengths, dtype=np.float64)
-    cov: FloatArray = np.linalg.inv(correlation) / lengths
-    conditions = np.sqrt(np.linalg.cond(correlation))
-    return tuple(
-        ModelFit(
-            model=model,
-            names=model.names,
-            values=values[k],
-            cov=cov[k] * factors[k] ** 2,
-            noise=shape.scaled(float(factors[k])),
-            rms=float(rms[k]),
-            n=len(record),
-            condition=float(conditions[k]),
-        )
-        for k in range(values.shape[0])
     )

@@ -62,7 +62,7 @@ class ErrorModel:
         names += [p.name for t in self.terms for p in t.parameters]
         twice = sorted({n for n in names if names.count(n) > 1})
         if twice:
-            raise ValueError(f"{', '.join(twice)} stands twice in the model")
+            raise ValueError(f"{', '.join(twice)} is listed twice in the model")
         if len(self.coefficients_in("gain")) > 1:
             raise ValueError("a channel has one gain")
 

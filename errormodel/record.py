@@ -12,18 +12,19 @@ from errormodel.arrays import FloatArray, IntArray, freeze, readonly, readonly_i
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Record:
-    """Inputs of one channel, and its output when it has been measured.
+    """Inputs of one channel, and its output if it has been measured.
 
     Parameters
     ----------
     time_s : array_like, shape (n,)
         Seconds from the start of each run, increasing within a run.
     signals : mapping of str to array_like, shape (n,)
-        What acted on the channel, by name, unit in the name.
+        Input signals by name, with the unit in the name.
     run : array_like of int, shape (n,), optional
-        Which run a reading belongs to: 0, 1, …; readings of a run stand together. Default: one run.
+        Run number of each reading: 0, 1, …; the readings of a run are consecutive. Default: one
+        run.
     output : array_like, shape (n,) or (n, m), optional
-        What was measured, in the unit of the model's input; m channels that shared the inputs.
+        Measured output, in the unit of the model's input; m channels with the same inputs.
 
     Raises
     ------
@@ -80,7 +81,7 @@ class Record:
         return _unchecked(self.time_s, kept, self.run, self.output)
 
     def view(self, rows: slice) -> "Record":
-        """Return readings that stand together, without a copy; runs keep their numbers."""
+        """Return consecutive readings without a copy; runs keep their numbers."""
         return _unchecked(
             self.time_s[rows],
             {name: values[rows] for name, values in self.signals.items()},
@@ -89,7 +90,7 @@ class Record:
         )
 
     def take(self, keep: ArrayLike) -> "Record":
-        """Return the readings chosen by a mask or by indices; runs are numbered anew."""
+        """Return the readings selected by a mask or by indices; runs are renumbered."""
         rows = np.asarray(keep)
         chosen = np.flatnonzero(rows) if rows.dtype == np.bool_ else rows
         numbers = self.run[chosen]
@@ -108,7 +109,7 @@ def _unchecked(
     run: IntArray,
     output: FloatArray | None,
 ) -> Record:
-    """Make a record of arrays that stood in one that was checked."""
+    """Make a record from the arrays of a checked record, without another check."""
     made = object.__new__(Record)
     freeze(made, time_s=time_s, signals=MappingProxyType(dict(signals)), run=run, output=output)
     return made

@@ -1,11 +1,11 @@
-"""Terms: what an error model is a tuple of.
+"""Terms, the parts of an error model.
 
 A channel measures ``y = gain · (1 + Σ scale terms) · (input + Σ input terms)``. A `Term` adds
 columns in one of these three places; an `InputChange` replaces an input signal for every term
-that uses it (a thermal lag puts the inner temperature in place of the measured one). Either may
-have nonlinear parameters with physical bounds, and either may have a memory: then it carries a
-state from reading to reading, so that the same term fits a recorded night and drives an emulated
-accelerometer reading by reading.
+that uses it (a thermal lag replaces the measured temperature by the inner one). Both may have
+nonlinear parameters with physical bounds. Both may have a memory, a state that is carried from
+reading to reading, so that the same term fits a recorded night and drives an emulated accelerometer
+reading by reading.
 """
 
 from collections.abc import Callable, Mapping
@@ -19,7 +19,7 @@ from errormodel.record import Record
 
 Place = Literal["gain", "scale", "input"]
 Values = Mapping[str, float]
-# A memory is whatever the term needs to go on after the last reading; None before the first.
+# A memory is the state from which a term continues after the last reading; None before the first.
 Memory = Any
 Columns = Callable[[Record, Values, Memory], tuple[FloatArray, Memory]]
 Change = Callable[[Record, Values, Memory], tuple[Record, Memory]]
@@ -27,7 +27,7 @@ Change = Callable[[Record, Values, Memory], tuple[Record, Memory]]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Told:
-    """The unit in which people are told a quantity, and how many of its own units that is."""
+    """The reported unit of a quantity, and its size in units of the model."""
 
     unit: str
     size: float = 1.0
@@ -44,19 +44,19 @@ class Description:
         ``reported = value · per_unit`` in `unit`.
     per_unit : float
     family : str
-        The physical quantity that it is a part of: `k0` for `k0_t3`; by default its name.
+        The physical quantity to which it belongs: `k0` for `k0_t3`; by default its name.
     order : int
         Power of temperature.
     group : str
-        What it is estimated, expected and told with; by default its name.
+        The group of parameters with which it is estimated and reported; by default its name.
     axis : str
-        The sensor of several that it belongs to.
+        The sensor to which it belongs, if there are several.
     prior_sigma : float, optional
-        How large it is expected to be beforehand, in the model's unit.
+        Prior sigma, in the model's unit.
     told : Told, optional
-        The unit people are told it in, where that is not `unit`.
+        The reported unit, if it is not `unit`.
     label : str
-        What it is called beside its family's first; by default its name.
+        Its short name within its family; by default its name.
     """
 
     name: str
@@ -82,7 +82,7 @@ class Description:
 
     @property
     def told_in(self) -> Told:
-        """The unit people are told it in."""
+        """The reported unit."""
         return self.told or Told(unit=self.unit)
 
 
@@ -90,9 +90,8 @@ class Description:
 class Coefficient(Description):
     """A linear parameter.
 
-    When the other columns reproduce all but `min_share` of its own, the data do not separate it:
-    the default allows for rounding only, a larger one for inputs that are themselves known only so
-    well.
+    It is not separable if the other columns reproduce all but the share `min_share` of its column.
+    The default covers rounding errors only; use a larger share for inputs of limited accuracy.
     """
 
     min_share: float = 1e-6
@@ -111,9 +110,9 @@ class Parameter(Description):
 class Term:
     """Columns added to the model in one place.
 
-    `columns(record, values, memory)` returns an array of shape (n, number of coefficients) and
-    the memory to go on with. `needs` names the signals it uses. `predictive` is False for an
-    event or a run's own offset, which a new run will not repeat.
+    `columns(record, values, memory)` returns an array of shape (n, number of coefficients) and the
+    memory after the last reading. `needs` names the signals that it uses. `predictive` is False for
+    an event or an offset of one run, which a new run does not repeat.
     """
 
     name: str
@@ -128,9 +127,10 @@ class Term:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class InputChange:
-    """An input signal replaced, for every term that uses it.
+    """Replacement of an input signal for every term that uses it.
 
-    `change(record, values, memory)` returns the changed record and the memory to go on with.
+    `change(record, values, memory)` returns the changed record and the memory after the last
+    reading.
     """
 
     name: str
@@ -142,7 +142,7 @@ class InputChange:
 
     @property
     def coefficients(self) -> tuple[Coefficient, ...]:
-        """None: what it adds enters through other terms."""
+        """Empty: its effect enters through other terms."""
         return ()
 
 
@@ -166,10 +166,10 @@ def memoryless(columns: Callable[[Record], FloatArray]) -> Columns:
 def by_run(
     one_run: Callable[[Record, slice, Values, Memory], tuple[FloatArray, Memory]],
 ) -> Columns:
-    """Turn columns with a memory into a term's `columns`: each run of a record starts afresh.
+    """Turn columns with a memory into a term's `columns`; each run of a record starts anew.
 
-    `one_run(record, readings, values, memory)` gets the readings of one run. A memory handed in
-    continues the record's first run.
+    `one_run(record, readings, values, memory)` gets the readings of one run. A given memory
+    continues the first run of the record.
     """
 
     def with_memory(record: Record, values: Values, memory: Memory) -> tuple[FloatArray, Memory]:
@@ -187,9 +187,9 @@ D = TypeVar("D", bound=Description)
 
 
 def on_axis(effect: Effect, axis: str) -> Effect:
-    """Return the effect of one sensor of several: its name and its parameters' end in the axis.
+    """Return the effect for one of several sensors: its name and parameter names end in the axis.
 
-    So that several channels with the same terms stand in one filter.
+    Several channels with the same terms can then be in one filter.
     """
     plain = [p.name for p in effect.parameters]
 
@@ -227,7 +227,7 @@ def _of_axis(name: str, axis: str) -> str:
 
 
 def in_unit(term: Term, unit: float) -> Term:
-    """Return a term for a model that counts in `unit` of this term's own: its unknowns stay."""
+    """Return a term for a model whose unit is `unit` in units of this term; its parameters stay."""
     columns = term.columns
 
     def smaller(record: Record, values: Values, memory: Memory) -> tuple[FloatArray, Memory]:

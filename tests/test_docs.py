@@ -4,6 +4,7 @@ import importlib.util
 import json
 import re
 import shlex
+import sys
 from pathlib import Path
 from types import ModuleType
 
@@ -16,7 +17,7 @@ from errormodel.io.toml import read_toml
 from thermo.fitting.fit import read_terms
 from thermo.library import thermal_library
 from thermo.planning.sequence import load_sequence
-from thermo.recording.foreign_map import LogMap
+from thermo.recording.foreign.map import LogMap
 
 ROOT = Path(__file__).parents[1]
 REFERENCE = ROOT / "docs/reference"
@@ -39,7 +40,9 @@ def tables() -> ModuleType:
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "path", [str(REFERENCE), *sys.path])  # it imports its neighbours
+        spec.loader.exec_module(module)
     return module
 
 

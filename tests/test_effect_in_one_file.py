@@ -197,7 +197,7 @@ def test_it_is_named_fitted_and_compensated_from_the_recorded_file(
         assert "--library" in refused(capsys, *words)
     other = written(tmp_path, CHAMBER.replace("15.0", "14.0"))
     words = ("compensate", path, "--model", model, "--library", other, "--out", out, "--force")
-    assert "as it was when this was made" in refused(capsys, *words)
+    assert "unchanged since the model was made" in refused(capsys, *words)
 
 
 @settings(max_examples=4, deadline=None)
@@ -293,7 +293,7 @@ def test_a_rig_effect_is_simulated_calibrated_and_named(
         ("TERMS = {'mine': lambda: None}", "mine: expected a term of that name"),
         ("EFFECTS = [1]", "expected a ThermalEffect or a RigEffect"),
         ("GROUPS = [1]", "expected a sequence of sinscal.library.groups.Group"),
-        (CHAMBER.replace('name="supply_v"', 'name="temp_c"'), "is taken or no name"),
+        (CHAMBER.replace('name="supply_v"', 'name="temp_c"'), "is in use or not a valid name"),
         (RIG.replace("prior_sigma=1e-3 / STANDARD_G**2,", ""), "prior_sigma"),
         (RIG.replace('name="accel_cubed"', 'name="lever_arm"'), "lever_arm is in the library"),
     ],

@@ -51,6 +51,7 @@ def agrees(told: str, found: str) -> bool:
     return np.allclose(numbers(told), numbers(found), rtol=SAME, atol=1e-9)
 
 
+@pytest.mark.slow  # those of tests/test_docs.py and tests/test_from_python.py run by default
 @pytest.mark.timeout(900)  # 40 s of computing, on a machine that does a dozen things besides
 def test_the_tutorial_runs_and_prints_what_it_says(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

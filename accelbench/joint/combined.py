@@ -8,7 +8,7 @@ from accelbench.joint.result_file import CombinedResult, make_combined
 from sinscal.calibration.noise import noise_of_run
 from sinscal.calibration.rig import Mode
 from sinscal.combination.combine import Combination, combine
-from sinscal.judgement.judge import Judged, judge
+from sinscal.judgement.judge import Judged, judge_calibration
 from sinscal.library import BASIC
 from sinscal.model.chamber import ChamberModel
 from sinscal.model.priors import PriorFile
@@ -55,7 +55,7 @@ def combine_and_judge(
         tell=tell,
     )
     flag = np.asarray(run.flag)
-    judged = judge(
+    judged = judge_calibration(
         made.calibration,
         [int(np.sum(flag[rows])) for rows in run.cycles],
         (),

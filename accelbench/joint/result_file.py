@@ -13,7 +13,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from errormodel.arrays import FloatArray
-from errormodel.io.python_file import Source, check_source
+from errormodel.io.python_file import LibrarySource, check_source
 from errormodel.io.signed import read_json
 from errormodel.model import ErrorModel
 from sinscal.calibration.observability import observability
@@ -63,7 +63,7 @@ UNITS = (
 AT_REFERENCE = {f"accel_bias_{a}": "m/s²" for a in AXES} | {f"accel_scale_{a}": "1" for a in AXES}
 
 
-def formula() -> str:
+def combined_formula() -> str:
     """Return how the errors enter what gyros and accelerometers measure, in words."""
     return f"gyros: ω′ = {rig_library().equation('gyro')}; {APPLIED}"
 
@@ -100,7 +100,7 @@ class CombinedResult(ResultContent):
     """RESULT.json of `accelbench combine`."""
 
     accelerometers: dict[Literal["x", "y", "z"], MountedAccelerometer]
-    formula: str = Field(default_factory=lambda: formula())
+    formula: str = Field(default_factory=lambda: combined_formula())
     equation: str = EQUATION
     clip_rule: str = CLIP_RULE
     units: str = UNITS
@@ -163,7 +163,7 @@ class CombinedResult(ResultContent):
         return tuple(one.valid_c for one in self.accelerometers.values())
 
 
-def _sources() -> list[Source]:
+def _sources() -> list[LibrarySource]:
     return [*rig_library().sources, *thermal_library().sources]
 
 

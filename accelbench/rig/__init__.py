@@ -6,7 +6,7 @@ from accelbench.lazy_names import lazy_names
 
 if TYPE_CHECKING:
     from accelbench.rig.api import calibrate, covariance, discrepancy, flight, simulate, triad
-    from sinscal.judgement.judge import Options
+    from sinscal.judgement.options import Options
     from sinscal.judgement.result_file import read_result
     from sinscal.model.compensate import compensate_run as compensate
     from sinscal.recording.files import read_nav_run, write_rig_run
@@ -30,7 +30,7 @@ __all__ = [
 ]
 
 __getattr__ = lazy_names("accelbench.rig", {
-    "Options": "sinscal.judgement.judge",
+    "Options": "sinscal.judgement.options",
     "calibrate": "accelbench.rig.api",
     "compensate": "sinscal.model.compensate:compensate_run",
     "covariance": "accelbench.rig.api",

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from accelbench.result import Result, named_rows, no_pictures
-from sinscal.judgement.judge import Options
+from sinscal.judgement.options import Options
 
 if TYPE_CHECKING:
     from accelbench.shell.plotting import Picture
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 def calibrate(run: "RigRun", options: Options | None = None) -> "Result[tuple[Judged, RigResult]]":
-    """Calibrate a SINS from its run on a rig, and judge it; the twin of `rig calibrate`.
+    """Calibrate a SINS from its rig run and test the result; the twin of `rig calibrate`.
 
     Parameters
     ----------
@@ -37,15 +37,15 @@ def calibrate(run: "RigRun", options: Options | None = None) -> "Result[tuple[Ju
     Returns
     -------
     Result
-        `found` is the judged calibration and the content of the result file.
+        `found` contains the calibration with its tests, and the content of the result file.
 
     Raises
     ------
     InputError
-        If the run lacks what is asked for.
+        If the run lacks data that the options need.
     """
     from accelbench.commands.rig_calibrate.text import calibration_document, verdict
-    from sinscal.judgement.judge import calibrate_and_judge
+    from sinscal.judgement.procedure import calibrate_and_judge
     from sinscal.judgement.result_file import make_result
 
     judged = calibrate_and_judge(run, options or Options())
@@ -72,7 +72,7 @@ def covariance(
     *,
     groups: Sequence[str] = (),
 ) -> "Result[RigCovariance]":
-    """Say before a test how well it will calibrate; the twin of `rig covariance`.
+    """Predict the sigmas of a calibration before the test; the twin of `rig covariance`.
 
     Parameters
     ----------
@@ -81,12 +81,12 @@ def covariance(
     mode : "coarse" or "precise"
         Without or with the rig's angle.
     groups : sequence of str
-        Groups of errors beside biases, scale errors and misalignments.
+        Groups of errors in addition to biases, scale errors and misalignments.
 
     Returns
     -------
     Result
-        One row a parameter, with its sigma before and after.
+        One row per parameter, with its prior sigma and its sigma after the test.
     """
     from accelbench.commands.rig_plan.text import analysis_document
     from sinscal.planning.advice import analyse_programme
@@ -95,9 +95,16 @@ def covariance(
     document = analysis_document({mode: found}, {mode: advice})
 
     def pictures() -> "Iterable[Picture]":
-        from accelbench.commands.rig_plan.figures import draw_budget, draw_correlations, draw_sigmas
+        from accelbench.commands.rig_plan.figures import (
+            draw_budget,
+            draw_planned_correlations,
+            draw_planned_sigmas,
+        )
 
-        return [draw(found, mode) for draw in (draw_sigmas, draw_correlations, draw_budget)]
+        return [
+            draw(found, mode)
+            for draw in (draw_planned_sigmas, draw_planned_correlations, draw_budget)
+        ]
 
     return Result(
         title=f"{mode}: {len(found.names)} parameters",
@@ -119,12 +126,12 @@ def simulate(
     errors : mapping of str to float, optional
         The sensors' errors, SI; by default those of the programme's file.
     seed : int
-        Of the noise.
+        Random seed of the noise.
 
     Returns
     -------
     Rehearsal
-        `run` is the rig run, `values` the errors put in.
+        `run` is the rig run, `values` the true errors.
     """
     from sinscal.twin.rehearse import rehearse
 
@@ -139,32 +146,34 @@ def flight(
     *,
     every_s: float = 10.0,
 ) -> "Result[FlightCovariance]":
-    """Say what a calibration is worth in flight; the twin of `rig flight`.
+    """Compute the position error in flight after a calibration; the twin of `rig flight`.
 
     Parameters
     ----------
     result : RigResult
-        As `read_result` reads it, or the second of what `calibrate` found.
+        From `read_result`, or the second element of `found` of `calibrate`.
     plan : FlightPlan, optional
     noise : FlightNoise, optional
-        Of the sensors and of the alignment.
+        Noise of the sensors and of the alignment.
     every_s : float
-        Between two rows of the table.
+        Time between two rows of the table, s.
 
     Returns
     -------
     Result
-        One row a moment, with the position error.
+        One row per time, with the position error.
     """
     from accelbench.commands.rig_flight.given import GivenCalibration
-    from accelbench.commands.rig_flight.text import flight_document, fly
+    from accelbench.commands.rig_flight.text import flight_document, fly_calibration
     from sinscal.flight.covariance import FlightNoise
     from sinscal.flight.trajectory import FlightPlan
     from sinscal.model.residual_errors import Calibration
 
     plan, noise = plan or FlightPlan(), noise or FlightNoise()
     one = Calibration.of_sensors(list(result.names), np.array(result.covariance))
-    flown = fly(GivenCalibration(name=result.mode, calibration=one), plan, noise, every_s=every_s)
+    flown = fly_calibration(
+        GivenCalibration(name=result.mode, calibration=one), plan, noise, every_s=every_s
+    )
     found = flown.found
     return Result(
         title=f"position error {found.rho_end_m:.0f} m at the end",
@@ -190,7 +199,7 @@ def triad(
     gravity_m_s2 : float, optional
         Local gravity; by default that of the run's site.
     with_temperature : bool
-        Whether slopes over temperature are fitted.
+        True to fit slopes over temperature.
 
     Returns
     -------
@@ -226,7 +235,7 @@ def triad(
 def discrepancy(
     run: "RigRun", *, present: "RigModelFile | None" = None, seed: int = 1
 ) -> "Result[RigDiscrepancy]":
-    """Find and name what the rig filter's model lacks; the twin of `discrepancy rig`.
+    """Find and name the effect that the rig filter lacks; the twin of `discrepancy rig`.
 
     Parameters
     ----------
@@ -234,7 +243,7 @@ def discrepancy(
     present : RigModelFile, optional
         The present model; by default the basic errors alone.
     seed : int
-        Of the simulated nulls.
+        Random seed of the simulated nulls.
 
     Returns
     -------
@@ -245,7 +254,7 @@ def discrepancy(
     InputError
         If the run lacks what the mode needs.
     """
-    from accelbench.commands.discrepancy.rig_text import rig_document
+    from accelbench.commands.discrepancy.rig.text import rig_document
     from sinscal.discrepancy.find import find_rig_discrepancy
 
     found = find_rig_discrepancy(run, present=present, seed=seed)

@@ -5,7 +5,7 @@ import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 
-IMPORT = "`accelbench import --map MAP.toml` makes a recorded run of a log like this"
+IMPORT = "`accelbench import --map MAP.toml` converts such a log into a recorded run"
 HEAD = 4096  # characters of a file that are looked at
 SPREADSHEET = (";", "\t", "|")
 RUN_SUFFIXES = (".csv", ".txt", ".log")
@@ -47,7 +47,7 @@ def _of_sidecar(text: str, *, for_rig: bool) -> str:
     if of_rig and not of_chamber and not for_rig:
         return "this is a rig run: `accelbench rig calibrate` takes it"
     if of_chamber and not of_rig and for_rig:
-        return "this is a chamber's run: `accelbench fit` takes it"
+        return "this is a chamber run: `accelbench fit` takes it"
     return ""
 
 

@@ -1,6 +1,6 @@
 """Reading recorded runs for a command: what is doubtful is said, and makes the exit code 1."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,14 +12,20 @@ if TYPE_CHECKING:
 trust_option = click.option(
     "--trust-units",
     is_flag=True,
-    help="Take units and signs as stated, however unlikely; the exit code is then 1.",
+    help="Accept units and signs as stated, even if unlikely; the exit code is then 1.",
 )
 
 
 def read_with_doubts(
-    paths: Sequence[Path], *, trust_units: bool
+    paths: Sequence[Path],
+    *,
+    trust_units: bool,
+    more_columns: bool = False,
+    tell: Callable[[str], None] = lambda line: None,
 ) -> tuple["RecordedRuns", tuple[str, ...]]:
     """Read recorded runs, and say what is doubtful about their units.
+
+    The parameters are those of `thermo.recording.files.read_runs`.
 
     Raises
     ------
@@ -29,7 +35,7 @@ def read_with_doubts(
     from thermo.recording.files import read_runs  # pandas takes its second
     from thermo.recording.units_check import checked_units
 
-    record = read_runs(paths, trust_units=trust_units)
+    record = read_runs(paths, trust_units=trust_units, more_columns=more_columns, tell=tell)
     return record, checked_units(record, trust_units=True) if trust_units else ()
 
 

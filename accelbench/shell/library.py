@@ -11,6 +11,7 @@ from errormodel.errors import InputError
 
 # What such a file may define; it defines one of them at least.
 MEMBERS = ("TERMS", "SIGNALS", "GROUPS", "EFFECTS")
+GIVEN = "accelbench.library"  # key of the paths in a command's context
 C = TypeVar("C", bound=Callable[..., Any])
 
 
@@ -64,7 +65,14 @@ def _with_file(path: Path) -> Generator[None]:
 def _open(ctx: click.Context, param: click.Parameter, paths: tuple[Path, ...]) -> None:
     del param
     if paths and not ctx.resilient_parsing:
+        ctx.meta[GIVEN] = paths
         ctx.with_resource(library(*paths))
+
+
+def library_paths() -> tuple[Path, ...]:
+    """Return the files that the present command was given by --library."""
+    ctx = click.get_current_context(silent=True)
+    return ctx.meta.get(GIVEN, ()) if ctx is not None else ()
 
 
 def library_option(*aliases: str) -> Callable[[C], C]:

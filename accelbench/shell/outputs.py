@@ -81,7 +81,7 @@ def prove_writable(path: Path) -> None:
         was expected, a device.
     """
     if path.exists() and not path.is_file():
-        raise InputError(path, "", "exists and is no file, expected another name")
+        raise InputError(path, "", "exists and is not a file, expected another name")
     folder = path.parent
     missing = [p for p in (folder, *folder.parents) if not p.exists()]
     with ExitStack() as traces:

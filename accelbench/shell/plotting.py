@@ -80,7 +80,7 @@ def thinned(n: int, limit: int = MAX_POINTS) -> IntArray:
     return np.asarray(first + jitter, dtype=np.intp)
 
 
-def unit_of(*values_ug: FloatArray) -> tuple[str, float]:
+def panel_unit(*values_ug: FloatArray) -> tuple[str, float]:
     """Return the unit for a panel and what µg are divided by: µg, or mg when they are many."""
     largest = max((float(np.max(np.abs(v))) for v in values_ug if v.size), default=0.0)
     return ("mg", 1e3) if largest > MILLI_FROM_UG else ("µg", 1.0)

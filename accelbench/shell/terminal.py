@@ -1,8 +1,8 @@
 """Standard output and standard error, whatever becomes of whoever reads them.
 
 A reader that goes away, a full disk and a closed stream never raise: what was written so far is
-theirs, the rest is dropped and `Channel.lost` says why. A command that must not wait for anybody
-detaches its terminal: from then on all text is written by a thread.
+theirs, the rest is dropped and `OutputStream.lost` says why. A command that must not wait for
+anybody detaches its terminal: from then on all text is written by a thread.
 """
 
 import contextlib
@@ -23,7 +23,7 @@ PIECE = 4096  # bytes written at a time: whoever reads slowly is seen to move
 HUNG_UP = (errno.EIO, errno.ENXIO)
 
 
-class Channel:
+class OutputStream:
     """Destination of a stream's text.
 
     Parameters
@@ -70,7 +70,7 @@ class Channel:
         except (OSError, ValueError) as err:
             self._lose(err)
 
-    def same_place(self, other: "Channel") -> bool:
+    def same_place(self, other: "OutputStream") -> bool:
         """Return whether both go to one terminal, pipe or file."""
         if self._fd is None or other.fd is None:
             return False
@@ -104,7 +104,7 @@ class Channel:
 class Stream(io.TextIOBase):
     """Replacement of `sys.stdout` or `sys.stderr`; what it is given goes to its channel."""
 
-    def __init__(self, channel: Channel, kind: Kind) -> None:
+    def __init__(self, channel: OutputStream, kind: Kind) -> None:
         self.channel = channel
         self._kind: Kind = kind
         self._worker: ObserverWorker | None = None
@@ -200,8 +200,8 @@ class Terminal:
             with contextlib.suppress(AttributeError, OSError, ValueError):
                 stream.flush()
         self._before = sys.stdout, sys.stderr
-        self.out = Stream(Channel(sys.stdout, "standard output"), "result")
-        self.err = Stream(Channel(sys.stderr, "standard error"), "line")
+        self.out = Stream(OutputStream(sys.stdout, "standard output"), "result")
+        self.err = Stream(OutputStream(sys.stderr, "standard error"), "line")
         self.worker: ObserverWorker | None = None
         self._workers: list[ObserverWorker] = []
 
@@ -252,7 +252,9 @@ class Terminal:
         shown: tuple[Kind, ...] = ("line", "event")  # readings are shown to nobody here
         missed: dict[Kind, int] = {kind: dropped[kind] for kind in shown if kind in dropped}
         if missed:
-            self.err.show(f"accelbench: the terminal stood still; not shown: {counted(missed)}\n")
+            self.err.show(
+                f"accelbench: the terminal did not accept output; not shown: {counted(missed)}\n"
+            )
 
 
 def open_closed_descriptors() -> None:

@@ -109,14 +109,14 @@ def rate_line(rate: Rate) -> str:
 
 
 def rates_table(sets: Sequence[Scored], subject: Subject) -> str:
-    head = "| what | asked | measured | 95 % limits | met |\n|---|---|---|---|---|\n"
+    head = "| what | required | measured | 95 % limits | met |\n|---|---|---|---|---|\n"
     return head + "\n".join(map(rate_line, subject.acceptance(sets)))
 
 
 def confusion_table(sets: Sequence[Scored], subject: Subject) -> str:
     """Return the confusion matrix as a table: one line for each hidden effect."""
     rows, columns, counts = confusion(sets, subject)
-    lines = ["| hidden | said (how often) |", "|---|---|"]
+    lines = ["| hidden | answer (count) |", "|---|---|"]
     for row, line in zip(rows, counts, strict=True):
         if line.sum():
             order = np.argsort(-line, kind="stable")
@@ -178,7 +178,9 @@ def alias_sizes(sets: Sequence[Scored]) -> str:
     sizes = [len(names) for s in sets if s.outcome == "alias" for names in s.aliases]
     if not sizes:
         return "No alias sets were right."
-    return f"Alias sets that were right hold {np.median(sizes):.0f} names (most {max(sizes)})."
+    return (
+        f"Correct alias sets have a median of {np.median(sizes):.0f} names (maximum {max(sizes)})."
+    )
 
 
 def speed(sets: Sequence[Scored]) -> str:

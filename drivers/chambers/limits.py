@@ -87,5 +87,5 @@ class ChamberLimits:
         if self._safe_temp_c not in limits:
             raise RecognitionError(
                 f"{self._name}: the safe temperature {self._safe_temp_c:g} °C is outside "
-                f"{limits.lo:g} to {limits.hi:g} °C, all that the controller takes"
+                f"{limits.lo:g} to {limits.hi:g} °C, the range that the controller accepts"
             )

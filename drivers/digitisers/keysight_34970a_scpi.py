@@ -89,7 +89,7 @@ def parse_scan(reply: str) -> tuple[ScanItem, ...]:
             )
         )
     if len({item.channel for item in items}) != len(items):
-        raise ProtocolError("a channel stands twice in a scan")
+        raise ProtocolError("a channel is listed twice in a scan")
     if any(b.offset_s < a.offset_s for a, b in itertools.pairwise(items)):
         raise ProtocolError("time runs backwards within a scan")
     return tuple(items)

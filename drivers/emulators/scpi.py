@@ -149,7 +149,7 @@ def one_of(text: str, choices: Sequence[str]) -> str:
     Raises
     ------
     ScpiError
-        If it is none of them.
+        If it is not one of them.
     """
     for choice in choices:
         if header_pattern(choice).fullmatch(text):

@@ -85,7 +85,7 @@ def parse_modbus_url(url: str) -> Endpoint:
     Raises
     ------
     ValueError
-        If it is none of them.
+        If it is not one of them.
     """
     expected = "expected modbus+tcp://host:port, modbus+rtu+tcp://host:port or modbus+rtu:///dev/…"
     try:

@@ -1,1 +1,1 @@
-"""Finding and naming a missing effect: the engine, which knows no chamber and no rig."""
+"""Finding and naming a missing effect, independent of chamber and rig."""

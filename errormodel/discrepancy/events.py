@@ -1,9 +1,9 @@
-"""Effects that do not repeat, judged with the noise estimated beside each of them.
+"""Effects that do not repeat, tested with a noise estimate for each of them.
 
-A step, an offset of a run, a slow relaxation: beside a mean without them they pose as slow noise,
-and the noise so found hides them. So the statistic is a likelihood ratio: the best likelihood over
-noise shapes with the effect in the mean against the best without it. Some of
-them cannot be told from a random walk then.
+If a step, an offset of a run or a slow relaxation is missing from the mean, it is taken for slow
+noise, and the estimated noise hides it. The statistic is therefore a likelihood ratio: the best
+likelihood over noise shapes with the effect in the mean, divided by the best without it. Some
+events cannot be separated from a random walk.
 """
 
 from collections.abc import Sequence
@@ -23,11 +23,11 @@ from errormodel.noise.whitening import TimeBase
 
 MOST_SHAPES = 12  # without an event, over which likelihoods are maximised
 MOST_BESIDE = 5  # beside each event
-# Powers of slow noise relative to the white: where events are placed, and where the noise beside
-# them is looked for (a likelihood is some 30 % wide in the power).
+# Powers of slow noise relative to the white: the grid for placing events and for estimating the
+# noise with them (a likelihood is some 30 % wide in the power).
 POWERS_TO_PLACE = (0.3, 10.0)
 POWERS = tuple(np.geomspace(0.02, 200.0, 12).tolist())
-PEAKS = 3  # of a grid, about which is looked more closely
+PEAKS = 3  # peaks of a grid that are refined
 BETWEEN = 7  # points tried between neighbours of a grid
 
 
@@ -37,11 +37,12 @@ def events_of(problem: Problem) -> tuple[Candidate, ...]:
 
 
 def shapes_allowed(problem: Problem, floor: NoiseFit) -> tuple[NoiseModel, ...]:
-    """Return the noise shapes that the data allow without an event, and beside each one.
+    """Return the noise shapes that the data allow without an event, and with each event.
 
-    An event is first put where it is likeliest over shapes of every kind: a step that is off by a
-    minute leaves so much that only a noise which hides all steps would be allowed beside it. All
-    that repeats is taken off for that, lest what is missing of it pose as an event.
+    An event is first placed at its likeliest time over shapes of every kind. With an error of one
+    minute, the remainder of a step would be so large that only a noise that hides all steps would
+    be allowed. The repeatable part is projected out first, so that a missing repeatable effect is
+    not taken for an event.
     """
     steady = independent(problem.saturated)
     rest = problem.residual - steady @ (steady.T @ problem.residual)
@@ -94,10 +95,10 @@ class Placed:
 
 
 def placed(problem: Problem, shapes: Sequence[NoiseModel], candidate: Candidate) -> Placed:
-    """Return where an event is likeliest: on its grid, then about the highest peaks on it.
+    """Return the likeliest place of an event: on its grid, then near its highest peaks.
 
-    The grid's best may lie where a run begins, a step there being free under slow noise; the
-    likelihood of a sharp step a minute away from its instant is no peak to rely on.
+    The best grid point may be the start of a run, where a step has no cost under slow noise. A
+    sharp step one minute from its true time has no reliable peak in the likelihood.
     """
     ratios = _ratios(problem, shapes, candidate.grid_signatures)
     k = int(np.argmax(ratios))
@@ -112,7 +113,7 @@ def placed(problem: Problem, shapes: Sequence[NoiseModel], candidate: Candidate)
 
 
 def _peaks(ratios: FloatArray) -> list[int]:
-    """Return the highest points that no neighbour surpasses."""
+    """Return the highest local maxima."""
     padded = np.concatenate([[-np.inf], ratios, [-np.inf]])
     tops = np.flatnonzero((ratios >= padded[:-2]) & (ratios >= padded[2:]))
     return tops[np.argsort(-ratios[tops])][:PEAKS].tolist()
@@ -139,7 +140,8 @@ def _about(candidate: Candidate, theta: Theta) -> tuple[Theta, ...]:
     values = sorted(t[0] for t in candidate.grid)
     k = values.index(theta[0])
     lo, hi = values[max(k - 1, 0)], values[min(k + 1, len(values) - 1)]
-    return tuple((v,) for v in np.geomspace(lo, hi, BETWEEN).tolist())
+    between = np.geomspace if lo > 0.0 else np.linspace
+    return tuple((v,) for v in between(lo, hi, BETWEEN).tolist())
 
 
 def event_ratios(
@@ -151,8 +153,9 @@ def event_ratios(
 ) -> FloatArray:
     """Return twice the log-likelihood ratio of each candidate, shape (candidates, D).
 
-    The mean is the present model alone: beside everything that repeats, too little of a slow
-    relaxation would be left. An effect that repeats must therefore be in the model first.
+    The mean is the present model alone, because little of a slow relaxation would remain after
+    projecting out everything that repeats. A repeatable effect must therefore be in the model
+    first.
 
     Parameters
     ----------

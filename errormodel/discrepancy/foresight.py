@@ -9,9 +9,9 @@ from errormodel.arrays import FloatArray
 from errormodel.discrepancy.problem import Candidate, Signature, columns_of
 from errormodel.discrepancy.scan import NOTHING, ROUNDING, View
 
-# An effect is foreseen to be named at this whitened strength (seven sigma of its own size).
+# An effect is expected to be named at this whitened strength (seven of its own sigmas).
 NAMEABLE_D = 7.0
-# From this share on, one pattern stands for another.
+# From this share on, one pattern can replace another.
 SAME = 0.98
 
 
@@ -23,13 +23,13 @@ class Foresight:
     ----------
     names : tuple of str
     strength : ndarray, shape (m,)
-        Whitened length of the first column that is seen, at the middle of its grid, per unit of
-        its size; of an
-        effect without a size, 0.
+        Whitened length of the first visible column, at the middle of its grid, per unit of its
+        size; 0 for an effect without a size.
     least_theta : dict of str to float
-        For an effect whose size is its nonlinear parameter: where it reaches `NAMEABLE_D`.
+        For an effect with a nonlinear parameter as its size: the value at which it reaches
+        `NAMEABLE_D`.
     invisible : tuple of str
-        Effects of which the measurement shows nothing.
+        Effects that the measurement does not show.
     imitated : ndarray, shape (m, m)
         Share of effect i that effect j can imitate beside the baseline.
     """
@@ -41,15 +41,15 @@ class Foresight:
     imitated: FloatArray
 
     def partners(self, name: str) -> tuple[str, ...]:
-        """Return the effects that stand for the one named whatever its size."""
+        """Return the effects that can imitate the named one at any size."""
         if name not in self.names:
             return ()
         row = self.imitated[self.names.index(name)]
         return tuple(n for n, s in zip(self.names, row, strict=True) if s > SAME and n != name)
 
 
-def foresee(view: View, candidates: Sequence[Candidate]) -> Foresight:
-    """Tell what can be shown of each candidate under a noise.
+def foresee_candidates(view: View, candidates: Sequence[Candidate]) -> Foresight:
+    """Return the visibility of each candidate under a noise.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The place of a disagreement, and the verdict on whether the names found account for it."""
+"""The place of a disagreement, and the verdict on whether the named effects explain it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -13,7 +13,7 @@ from errormodel.discrepancy.search.ranking import residual_of
 from errormodel.discrepancy.search.state import SearchState
 
 Verdict = Literal["named", "alias", "unexplained_repeatable", "unexplained_noise", "nothing"]
-# What one resolved direction of a factor costs when factors are compared (ln of some 20 samples).
+# Penalty of one resolved direction in the comparison of factors (ln of some 20 samples).
 PER_DIRECTION = 3.0
 # Excess kurtosis of the whitened residual beyond this many of its own sigmas is bursts, not noise.
 BURSTS = 6.0
@@ -23,8 +23,8 @@ BURSTS = 6.0
 class FactorFinding:
     """Share of the residual that follows one factor.
 
-    `excess` is its chi-square beyond what noise gives on average; `score` takes off what its
-    finer resolution costs; `p_value` is over all factors of its kind.
+    `excess` is its chi-square minus the mean of noise alone; `score` also subtracts a penalty for
+    its resolution; `p_value` is over all factors of its kind.
     """
 
     name: str
@@ -35,7 +35,7 @@ class FactorFinding:
 
 
 def locate(view: View, nulls: NullDistributions) -> tuple[FactorFinding, ...]:
-    """Return every factor with how much it carries, the best place first."""
+    """Return every factor with the excess that it explains, the best first."""
     data = view.data[:, None]
     found: list[FactorFinding] = []
     for factor in view.problem.factors:
@@ -58,7 +58,7 @@ def locate(view: View, nulls: NullDistributions) -> tuple[FactorFinding, ...]:
 def bursts(view: View) -> float:
     """Return the excess kurtosis of the whitened residual in units of its own sigma.
 
-    What is only bounded is left out: beside the rest, its little noise would make tails.
+    Bounded samples are left out, because their smaller noise would change the kurtosis.
     """
     rest = residual_of(view)
     if view.problem.bounded is not None:
@@ -71,7 +71,7 @@ def bursts(view: View) -> float:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Judgement:
-    """The verdict and what it stands on.
+    """The verdict and its basis.
 
     Attributes
     ----------
@@ -81,7 +81,7 @@ class Judgement:
     rest : tuple of FactorFinding
         Remainder after the named effects, by factor.
     loud, loud_noise : bool
-        True where something that repeats, or something that does not, is left.
+        True if a repeatable, or a non-repeatable, remainder is significant.
     bursts : float
     """
 
@@ -94,14 +94,14 @@ class Judgement:
 
     @property
     def names_stand(self) -> bool:
-        """True where names stand, bare or in alias sets."""
+        """True if effects are named, alone or in alias sets."""
         return self.verdict in ("named", "alias")
 
 
 def judge(
     view: View, result: SearchState, nulls: NullDistributions, rules: Rules, *, too_much_drift: bool
 ) -> Judgement:
-    """Judge whether the names found account for the disagreement.
+    """Test whether the named effects explain the disagreement.
 
     Parameters
     ----------
@@ -150,11 +150,11 @@ def withdraw_if_factor_explains_more(
 ) -> Judgement:
     """Withdraw names that explain clearly less than a factor alone does.
 
-    A factor sees a part of what is there, and the effects that are truly missing explain all of it.
-    So where a factor explains more, by more than it gains of noise in all but a share `alpha_rest`
-    of cases, what is there is something else: a slow drift, for instance, which a jump and two
-    effects more would follow in part. Where the names leave nothing, they stand: a factor that
-    explains more then follows the linearisation.
+    A factor describes a part of the missing effect; the correct effects explain all of it. If a
+    factor explains more than the named effects, by more than in all but a share `alpha_rest` of the
+    simulated nulls, the cause is another one: for example a slow drift, which a jump and two
+    further effects would describe in part. If the named effects leave no significant remainder,
+    they are kept; a factor that explains more then follows linearisation errors.
 
     Parameters
     ----------

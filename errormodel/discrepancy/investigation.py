@@ -1,8 +1,8 @@
-"""From measurements to verdicts: the sequence that a chamber's runs and a rig's run go through.
+"""From measurements to verdicts: the common procedure for chamber runs and rig runs.
 
 The noise floor, null distributions, foresight, the search, the verdict and where the disagreement
-is, parts of the measurement held out, and the next experiment. What differs between instruments is
-a `Measurement`.
+is, parts of the measurement held out, and the next experiment. The differences between instruments
+are in `Measurement`.
 """
 
 from collections.abc import Callable, Sequence
@@ -11,7 +11,7 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 
-from errormodel.discrepancy.foresight import Foresight, foresee
+from errormodel.discrepancy.foresight import Foresight, foresee_candidates
 from errormodel.discrepancy.gate import FactorFinding, Judgement, Verdict, judge, locate
 from errormodel.discrepancy.measurement import (
     Gap,
@@ -50,7 +50,7 @@ class Settings:
     workers : int
         Threads that simulate them; the verdict does not depend on it.
     tell : callable
-        Takes a line of progress.
+        Receives progress lines.
     """
 
     rules: Rules
@@ -65,13 +65,13 @@ class Settings:
         return simulate_nulls(problem, floor, draws=self.draws, rng=rng, workers=self.workers)
 
     def say(self, name: str, line: str) -> None:
-        """Tell a line of progress of a measurement."""
+        """Report a progress line of a measurement."""
         self.tell(f"{name}: {line}" if name else line)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Conclusion(Generic[Gap, Proposal]):
-    """A verdict and everything it stands on, whatever was measured.
+    """A verdict and its basis, for any kind of measurement.
 
     Attributes
     ----------
@@ -81,13 +81,13 @@ class Conclusion(Generic[Gap, Proposal]):
     invisible : tuple of str
         Effects that the measurement cannot show.
     places : tuple of FactorFinding
-        Every factor with how much of the excess it carries, the best first; none where nothing is.
+        Every factor with its share of the excess, the best first; empty if there is no excess.
     held_out_parts : tuple
         The gap in every part held out.
     experiment : Proposal or None
     refuted : tuple of Refuted
     rival : object
-        A rival outside the library that the names were held against, such as a slow drift.
+        A rival outside the library with which the names were compared, such as a slow drift.
     """
 
     judgement: Judgement
@@ -107,26 +107,33 @@ class Conclusion(Generic[Gap, Proposal]):
 
     @property
     def choices(self) -> tuple[Choice, ...]:
-        """The effects whose names stand."""
+        """The named effects."""
         return self.result.found if self.judgement.names_stand else ()
 
     @property
     def alias_sets(self) -> tuple[tuple[str, ...], ...]:
-        """Effects that these data cannot tell apart."""
+        """Effects that these data cannot separate."""
         if self.verdict != "alias":
             return ()
         return tuple(s.alias for s in self.result.slots if len(s.alias) > 1)
 
     @property
+    def weight(self) -> float | None:
+        """Posterior weight of the names and alias sets said; None where none is."""
+        if not self.judgement.names_stand:
+            return None
+        return float(np.prod([s.weight for s in self.result.slots]))
+
+    @property
     def inherited(self) -> dict[str, Any]:
-        """The fields by name, for a conclusion that says more."""
+        """The fields by name, for extended conclusions."""
         return {f.name: getattr(self, f.name) for f in fields(Conclusion)}
 
 
 def investigate(
     measurements: Sequence[AnyMeasurement], settings: Settings
 ) -> tuple[tuple[AnyMeasurement, Conclusion[Any, Any]], ...]:
-    """Find and name what is missing from the models of measurements made together.
+    """Find and name the missing effects of measurements made together.
 
     Parameters
     ----------
@@ -136,7 +143,7 @@ def investigate(
     Returns
     -------
     tuple of (Measurement, Conclusion)
-        In the same order; a measurement's library lacks what the others refuted.
+        In the same order; effects that other measurements refuted are not in the library.
     """
     searched = _without_refuted([_searched(m, settings) for m in measurements], settings)
     made: list[tuple[AnyMeasurement, Conclusion[Any, Any]]] = []
@@ -182,7 +189,7 @@ def _searched_under(
 ) -> Searched[Any, Any]:
     """Search the library under a noise and its null distributions."""
     problem = measurement.problem((), floor.noise)
-    foresight = foresee(View(problem, floor.noise), problem.candidates)
+    foresight = foresee_candidates(View(problem, floor.noise), problem.candidates)
     settings.say(measurement.name, f"trying {len(problem.candidates)} effects")
     task = SearchTask(
         source=measurement,
@@ -218,7 +225,7 @@ def _searched_without(
 ) -> Searched[Any, Any]:
     """Search a measurement again with effects left out of the library.
 
-    Noise and nulls stay: with fewer effects, chance could do no more than it can with all.
+    Noise and nulls are kept: with fewer effects, chance cannot explain more than with all.
     """
     names = frozenset(r.effect for r in refuted)
     settings.say(one.measurement.name, f"once more without {', '.join(sorted(names))}")
@@ -236,9 +243,9 @@ def _searched_without(
 
 
 def _judged(one: Searched[Any, Any]) -> tuple[Revision, tuple[FactorFinding, ...]]:
-    """Return the verdict with the result it is of, and where the disagreement is.
+    """Return the verdict with its result and the place of the disagreement.
 
-    Names that came in the place of refuted ones must explain as much.
+    Names that replaced refuted ones must explain as much.
     """
     result = one.result
     judgement = judge(
@@ -257,14 +264,14 @@ def _judged(one: Searched[Any, Any]) -> tuple[Revision, tuple[FactorFinding, ...
 def predict_parts(
     measurement: Measurement[Gap, Proposal], result: SearchState, choices: Sequence[Choice]
 ) -> tuple[Gap, ...]:
-    """Predict each part from the others, the choice of effects repeated without it.
+    """Predict each part from the others; the effects are selected again without it.
 
     The choice is made under the noise and the null distributions of the whole.
 
     Returns
     -------
     tuple of Gap
-        One a part; none where the others of some part cannot give the present model.
+        One per part; empty if for some part the others do not determine the present model.
     """
     gaps: list[Gap] = []
     for part in measurement.parts(choices):

@@ -1,4 +1,4 @@
-"""A measurement as an investigation takes it: all in which a chamber and a rig differ."""
+"""Interface of a measurement: everything in which a chamber and a rig differ."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -32,7 +32,7 @@ class Refuted(Protocol):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Revision:
-    """A verdict and the result it is of, with a rival outside the library where there is one."""
+    """A verdict with its result and, if there is one, a rival outside the library."""
 
     judgement: Judgement
     result: SearchState
@@ -40,7 +40,7 @@ class Revision:
 
 
 class Measurement(ABC, Generic[Gap, Proposal]):
-    """A measurement, its present model and the library of what may be missing.
+    """A measurement, its present model and the library of candidate effects.
 
     Attributes
     ----------
@@ -49,7 +49,7 @@ class Measurement(ABC, Generic[Gap, Proposal]):
     parts_name : str
         Name of what is held out: runs, cycles.
     known_noise : NoiseFit or None
-        None where it is to be estimated.
+        None if it is to be estimated.
     """
 
     name: str = ""
@@ -58,7 +58,7 @@ class Measurement(ABC, Generic[Gap, Proposal]):
 
     @abstractmethod
     def problem(self, chosen: Sequence[Choice], noise: NoiseModel) -> Problem:
-        """Return the engine's problem of the model with some effects, refitted under a noise."""
+        """Return the search problem of the model with some effects, refitted under a noise."""
 
     @abstractmethod
     def invisible(self, foresight: Foresight) -> tuple[str, ...]:
@@ -68,11 +68,11 @@ class Measurement(ABC, Generic[Gap, Proposal]):
     def next_experiment(
         self, result: SearchState, judgement: Judgement, invisible: tuple[str, ...]
     ) -> Proposal | None:
-        """Return the experiment that would settle what is open; None when nothing is."""
+        """Return the experiment that would decide an open question; None if there is none."""
 
     @abstractmethod
     def parts(self, choices: Sequence[Choice]) -> Sequence[int]:
-        """Return the parts to be held out, one after another; none where there are too few."""
+        """Return the parts to be held out in turn; empty if there are too few."""
 
     @abstractmethod
     def without_part(self, part: int) -> "Measurement[Gap, Proposal]":
@@ -80,7 +80,7 @@ class Measurement(ABC, Generic[Gap, Proposal]):
 
     @abstractmethod
     def gap(self, part: int, others: "Measurement[Gap, Proposal]", chosen: Sequence[Choice]) -> Gap:
-        """Return the gap in a part, before and after, by effects that the others chose."""
+        """Return the residual of a part, before and after, with effects selected by the others."""
 
     def rules(self, rules: Rules) -> Rules:
         """Return the thresholds for this measurement."""
@@ -103,14 +103,14 @@ class Measurement(ABC, Generic[Gap, Proposal]):
         raise NotImplementedError(f"nothing refutes {names}")
 
     def drifts_too_much(self, result: SearchState) -> bool:
-        """Tell whether the noise found is more than an instrument's drift can be."""
+        """Return True if the estimated noise exceeds the possible drift of an instrument."""
         del result
         return False
 
     def revised(
         self, judgement: Judgement, result: SearchState, places: Sequence[FactorFinding]
     ) -> Revision:
-        """Return the verdict after what only this kind of measurement is held against."""
+        """Return the verdict after the tests that are specific to this kind of measurement."""
         del places
         return Revision(judgement, result)
 
@@ -127,8 +127,7 @@ class Searched(Generic[Gap, Proposal]):
     refuted : tuple of Refuted
         Effects that measurements made at the same time refute.
     replaced : bool
-        Other effects have come in their place, and explain clearly less than they did: their names
-        do not stand.
+        Other effects replaced them and explain clearly less, so they are not named.
     """
 
     measurement: Measurement[Gap, Proposal]

@@ -1,9 +1,10 @@
-"""Null distributions of every statistic: simulated, the noise estimated anew each time.
+"""Null distributions of every statistic: simulated, with a separate noise estimate for each draw.
 
-Draws take their noise from all shapes the data allow, by their likelihood, and each draw's noise
-is estimated anew before its statistics are formed: not knowing the noise is part of the
-distribution. The tail of each statistic is an exponential fitted to the uppermost draws, a fifth of
-them but no more than a hundred: the further out, the more nearly the tail is one. The smallest
+The draws take their noise from all shapes that the data allow, weighted by likelihood. The noise of
+each draw is estimated before its statistics are computed, so the distribution includes the
+uncertainty of the noise. The tail of each statistic is an exponential fitted to the largest fifth
+of the draws, at most a hundred, because the tail is the closer to an exponential the further out it
+is. The smallest
 p-value of the library has a distribution of its own, from the same draws.
 """
 
@@ -85,7 +86,7 @@ class NullDistributions:
     least_factor: dict[bool, NullDistribution]
 
     def expected_gain(self, name: str) -> float:
-        """Return the expected null gain of a candidate: what it explains of noise on average."""
+        """Return the expected null gain of a candidate: its mean chi-square in noise alone."""
         return self.gains[name].mean if name in self.gains else 0.0
 
     def p_of(self, name: str, gain: float) -> float:
@@ -143,11 +144,11 @@ def simulate_nulls(
     """
     noise = Scales(problem).normalised(draw_noise(problem.times, floor, draws, rng))
     for candidate in problem.candidates:
-        _ = candidate.grid_signatures  # once, before the threads would each do it
+        _ = candidate.grid_signatures  # once, before the threads start
     shapes_of_events = _shapes_of_events(problem, floor)
     with ThreadPoolExecutor(workers) as pool:
         gains, factors = _null_values(problem, floor, noise, pool)
-        if shapes_of_events:  # an event counts with its likelihood ratio
+        if shapes_of_events:  # the statistic of an event is its likelihood ratio
             rows = [k for k, c in enumerate(problem.candidates) if c.event]
             gains[rows] = event_ratios(problem, shapes_of_events, noise, pool=pool)
     return _distributions(problem, gains, factors, shapes_of_events)
@@ -158,8 +159,8 @@ def _null_values(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the gains of candidates and of factors, one column a draw.
 
-    The candidates are made ready once for each noise shape, for all draws that are judged by it:
-    that is what takes the time.
+    The candidates are prepared once for each noise shape, for all draws that use it, because this
+    takes most of the time.
     """
     draws = int(noise.shape[1])
     shapes, sigmas = _estimated(problem, floor, noise)
@@ -192,7 +193,7 @@ def _shapes_of_events(problem: Problem, floor: NoiseFit) -> tuple[NoiseModel, ..
 def _estimated(
     problem: Problem, floor: NoiseFit, noise: FloatArray
 ) -> tuple[list[NoiseModel], FloatArray]:
-    """Return the shape and the white sigma that each draw would be judged by."""
+    """Return the noise shape and the white sigma estimated for each draw."""
     if problem.noise is not None:
         known: FloatArray = np.ones(int(noise.shape[1]))
         return [problem.noise] * known.size, known

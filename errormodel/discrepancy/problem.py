@@ -1,10 +1,10 @@
-"""A measurement as the engine takes it: residual, the baseline's columns, candidate effects.
+"""Input of the search: residual, columns of the baseline, candidate effects.
 
-The engine knows no physics. A chamber run gives it the residual of its present model and lets it
-find the colour of the noise. A filter gives it its innovations, which are white already and have
-the baseline projected out, with `noise=NoiseModel()` given and `base` empty; a
-candidate's signature is then what the filter's own gains make of the effect (Willsky and Jones
-1976). Everything after that is the same regression.
+The search does not depend on the physics. For a chamber run, the input is the residual of the
+present model, and the search estimates the noise spectrum. For a filter, the input is the
+innovations, which are white and have the baseline projected out, with `noise=NoiseModel()` and an
+empty `base`. The signature of a candidate is then the response of the filter to the effect (Willsky
+and Jones 1976). The regression is the same in both cases.
 """
 
 from collections.abc import Callable
@@ -43,7 +43,7 @@ class Signature:
 
 
 def columns_of(signature: Signature) -> FloatArray:
-    """Return a signature's columns; for an effect without a coefficient, what it does."""
+    """Return the columns of a signature; for an effect without a coefficient, its offset."""
     return signature.columns if signature.offset is None else signature.offset[:, None]
 
 
@@ -51,13 +51,13 @@ def columns_of(signature: Signature) -> FloatArray:
 class Candidate:
     """An effect that may be missing.
 
-    `grid` are the nonlinear parameters tried first, close enough together that the best of them
-    lies in the right valley; `bounds` those of the refinement, or `finer` gives the points about
-    one of the grid where the output does not change smoothly (neither: the grid is all there is).
-    An event's size inflates the noise it is judged by, so the noise is estimated anew once it is
-    in the model. `flexible` is the effect's flexible form, of more parameters, tried before any
-    second effect is named. `joint` marks what belongs to the present model's own equation: all such
-    are offered together before causes are looked for beside them.
+    `grid` are the nonlinear parameters tried first, fine enough that the best of them is near the
+    global minimum. `bounds` are the bounds of the refinement. If the output does not change
+    smoothly, `finer` gives further points near a grid point instead (with neither, the grid is
+    final). The size of an event increases the estimated noise, so the noise is estimated again once
+    the event is in the model. `flexible` is the flexible form with more parameters, which is tried
+    before a second effect is named. `joint` marks terms of the present model's own equation; these
+    are offered together before other causes are searched.
     """
 
     name: str
@@ -77,9 +77,10 @@ class Candidate:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Factor:
-    """Something the residual may follow: its columns resolve it.
+    """A quantity that the residual may follow, represented by columns.
 
-    Of several groups of columns (one a period, say) the one that explains most counts.
+    With several groups of columns (for example one per period), the group that explains most is
+    used.
     `repeatable` tells whether a new run would show the same.
     """
 
@@ -90,28 +91,29 @@ class Factor:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Problem:
-    """A measurement, its present model and what may be missing.
+    """A measurement, its present model and the candidate effects.
 
     Attributes
     ----------
     times : TimeBase
     residual : ndarray, shape (n,)
-        Measured less the present model.
+        Measured minus modelled output.
     base : ndarray, shape (n, p)
-        Derivative of the present model by its parameters.
+        Jacobian of the present model.
     candidates : tuple of Candidate
     saturated : ndarray, shape (n, m)
-        Everything that would repeat in a new run, for the noise to be judged beside.
+        Everything that would repeat in a new run; the noise is estimated with these columns in the
+        mean.
     factors : tuple of Factor
     noise : NoiseModel, optional
-        The noise where it is known; white, of unit sigma.
+        The noise if it is known; white with unit sigma.
     events : frozenset of str
         Names of effects that a new run would not repeat.
     bounded : ndarray of bool, shape (n,), optional
-        Samples whose noise is no larger than `sigma`, and may be far less.
+        Samples with a noise of at most `sigma`, possibly far less.
     scaled : tuple of ndarray of bool, each (n,)
-        Groups of samples whose sigma was found in these data, beside `saturated`: so it is in
-        every draw.
+        Groups of samples whose sigma was estimated from these data with `saturated` in the mean;
+        the same is done in every draw.
     """
 
     times: TimeBase

@@ -1,4 +1,4 @@
-"""The sigma of groups of samples, found beside everything that may be missing from the model."""
+"""Sigmas of groups of samples, estimated beside everything that may be missing."""
 
 import numpy as np
 
@@ -10,8 +10,8 @@ from errormodel.linear import independent
 class Scales:
     """Finds the sigma of each group of `Problem.scaled` in a residual.
 
-    A group is judged by what its own samples leave beside the saturated columns: neither another
-    group's noise nor a missing effect then passes for its noise.
+    The sigma of a group is computed from the residual of its own samples after projecting out the
+    saturated columns, so it contains neither the noise of another group nor a missing effect.
     """
 
     def __init__(self, problem: Problem) -> None:

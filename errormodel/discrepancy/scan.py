@@ -12,9 +12,9 @@ from errormodel.linear import independent
 from errormodel.noise.model import NoiseModel
 from errormodel.noise.whitening import Whitener
 
-# What is left of a column beside the others, as a share of its length, when it counts as nothing.
+# Share of the length of a column, after projecting out the others, that counts as zero.
 NOTHING = 2e-3
-# A whitened column shorter than this is rounding of what is zero.
+# A whitened column shorter than this is a rounding error of zero.
 ROUNDING = 1e-9
 
 
@@ -50,7 +50,7 @@ class View:
         return white - self.base @ (self.base.T @ white)
 
     def points(self, signatures: Sequence[Signature]) -> list[Point]:
-        """Return signatures made ready for `gain`; all are whitened in one pass."""
+        """Return signatures prepared for `gain`; all are whitened in one pass."""
         if not signatures:
             return []
         widths = [s.columns.shape[1] for s in signatures]
@@ -78,7 +78,7 @@ class View:
         return Point(basis=whole[:, :0], whole=whole, offset=offset)
 
     def gains(self, points: Sequence[Point], data: FloatArray) -> FloatArray:
-        """Return how much chi-square each point explains beyond the baseline.
+        """Return the chi-square that each point explains in addition to the baseline.
 
         Parameters
         ----------
@@ -118,14 +118,14 @@ class View:
         return float(np.linalg.norm(self.beside_base(white)))
 
     def factor_gains(self, factor: Factor, data: FloatArray) -> FloatArray:
-        """Return how much chi-square a factor explains beyond the baseline, shape (D,)."""
+        """Return the chi-square that a factor explains in addition to the baseline, shape (D,)."""
         points = self.points([Signature(columns=group) for group in factor.groups])
         return self.gains(points, data).max(axis=0)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Found:
-    """A candidate at its best: nonlinear parameters and gain of chi-square.
+    """The best fit of a candidate: nonlinear parameters and gain of chi-square.
 
     `grid_gain` is that of the best point of the grid, which the null draws are compared with.
     """
@@ -137,7 +137,7 @@ class Found:
 
 
 class Prepared:
-    """Every candidate's grid made ready under one noise."""
+    """The prepared grids of all candidates under one noise."""
 
     def __init__(self, view: View, candidates: Sequence[Candidate]) -> None:
         self.view = view
@@ -152,7 +152,7 @@ class Prepared:
     def null_gains(self, data: FloatArray) -> FloatArray:
         """Return each candidate's best gain over its grid, shape (number of candidates, D).
 
-        Never less than nothing: an effect without a free coefficient may also be absent.
+        Never negative, because an effect without a free coefficient may also be absent.
         """
         gains = self.view.gains([p for many in self.points for p in many], data)
         ends = np.cumsum([len(many) for many in self.points])
@@ -209,13 +209,15 @@ def _refined(view: View, best: Found) -> Found:
         hi = values[k + 1] if k + 1 < len(values) else candidate.bounds[0][1]
         if hi <= lo:
             return best
+        scale = candidate.bounds[0][0] > 0.0  # of a place the logarithm has no meaning
+        to, back = (np.log, np.exp) if scale else (float, float)
         found = optimize.minimize_scalar(
-            lambda u: loss((float(np.exp(u)),)),
-            bounds=(np.log(lo), np.log(hi)),
+            lambda u: loss((float(back(u)),)),
+            bounds=(to(lo), to(hi)),
             method="bounded",
-            options={"xatol": 2e-3, "maxiter": 16},
+            options={"xatol": 2e-3 * (1.0 if scale else hi - lo), "maxiter": 16},
         )
-        theta, gain = (float(np.exp(found.x)),), -float(found.fun)
+        theta, gain = (float(back(found.x)),), -float(found.fun)
     else:
         bounds = [(np.log(lo), np.log(hi)) for lo, hi in candidate.bounds]
         many = optimize.minimize(

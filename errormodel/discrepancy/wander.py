@@ -1,11 +1,11 @@
-"""A smooth wander: the rival of every event whose shape is smooth.
+"""A smooth wander: the rival of every event with a smooth shape.
 
-A relaxation, a drift, offsets of runs in a row: each follows a slow change of any other kind to
-some extent, and the noise shapes of the floor are all rough. So the names of events are held
-against an integrated random walk over the whole measurement, which goes on through the rests or
-stands still in them. Its Karhunen-Loève series are close to cosines whose sigmas fall with the
-square of their number; with their sizes random, their likelihood beside a rough noise is had in
-closed form from one small eigenvalue problem.
+A relaxation, a drift, offsets of runs in a row: each resembles other slow changes to some extent,
+and the noise shapes of the floor are all rough. The names of events are therefore compared with an
+integrated random walk over the whole measurement, which continues through the rests or is constant
+in them. Its Karhunen-Loève functions are close to cosines with sigmas that fall with the square of
+their number. With random sizes, their likelihood together with a rough noise follows in closed form
+from one small eigenvalue problem.
 """
 
 from collections.abc import Sequence
@@ -46,7 +46,7 @@ def over_wander(
 ) -> float:
     """Return twice the log-likelihood of events less that of a wander in their place.
 
-    Each is taken beside the noise that suits it best, and pays for its parameters (Akaike).
+    Each is evaluated with its likeliest noise and a penalty for its parameters (Akaike).
 
     Parameters
     ----------

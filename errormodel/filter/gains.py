@@ -56,7 +56,7 @@ def _followed(
     return out, left
 
 
-def followed(
+def candidate_responses(
     steps: Steps, gains: FloatArray, by_measurement: FloatArray, by_motion: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Compute what c candidates, each of unit size, do to a filter that does not know them.
@@ -91,8 +91,8 @@ def followed(
 def signatures(
     steps: Steps, gains: FloatArray, by_measurement: FloatArray, by_motion: FloatArray
 ) -> FloatArray:
-    """Return the innovations of `followed`, shape (K, m, c)."""
-    return followed(steps, gains, by_measurement, by_motion)[0]
+    """Return the innovations of `candidate_responses`, shape (K, m, c)."""
+    return candidate_responses(steps, gains, by_measurement, by_motion)[0]
 
 
 @numba.njit(cache=True)

@@ -127,6 +127,36 @@ def bierman_update(
     return innovation, total
 
 
+@numba.njit(cache=True, fastmath=REORDERED)
+def orthogonalise(u: FloatArray, d: FloatArray, w: FloatArray, weight: FloatArray) -> None:
+    """Put U and d of W diag(weight) Wᵀ into the leading part of the factors; W is used up.
+
+    Parameters
+    ----------
+    u : ndarray, shape (≥ n, ≥ n)
+    d : ndarray, shape (≥ n,)
+    w : ndarray, shape (n, m)
+    weight : ndarray, shape (m,)
+    """
+    n, m = w.shape
+    for j in range(n - 1, -1, -1):
+        total = 0.0
+        for k in range(m):
+            total += weight[k] * w[j, k] * w[j, k]
+        d[j] = total
+        u[j, j] = 1.0
+        for i in range(j):
+            share = 0.0
+            if total > 0.0:
+                for k in range(m):
+                    share += weight[k] * w[i, k] * w[j, k]
+                share /= total
+            u[i, j] = share
+            u[j, i] = 0.0
+            for k in range(m):
+                w[i, k] -= share * w[j, k]
+
+
 @numba.njit(cache=True)
 def thornton_propagate(
     u: FloatArray, d: FloatArray, phi: FloatArray, g: FloatArray, q: FloatArray
@@ -140,22 +170,7 @@ def thornton_propagate(
     weight = np.empty(n + m)
     weight[:n] = d
     weight[n:] = q
-    for j in range(n - 1, -1, -1):
-        total = 0.0
-        for k in range(n + m):
-            total += weight[k] * w[j, k] * w[j, k]
-        d[j] = total
-        u[j, j] = 1.0
-        for i in range(j):
-            share = 0.0
-            if total > 0.0:
-                for k in range(n + m):
-                    share += weight[k] * w[i, k] * w[j, k]
-                share /= total
-            u[i, j] = share
-            u[j, i] = 0.0
-            for k in range(n + m):
-                w[i, k] -= share * w[j, k]
+    orthogonalise(u, d, w, weight)
 
 
 def initial_state(x: ArrayLike, cov: ArrayLike) -> State:

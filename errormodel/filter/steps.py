@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from errormodel.arrays import FloatArray
-from errormodel.filter.kalman import REORDERED, State, bierman_gain
+from errormodel.filter.kalman import REORDERED, State, bierman_gain, orthogonalise
 
 BoolArray = NDArray[np.bool_]
 NO_GATE = np.inf
@@ -49,7 +49,7 @@ class Steps:
     q: FloatArray
 
 
-def joined(parts: Sequence[Steps]) -> Steps:
+def join_steps(parts: Sequence[Steps]) -> Steps:
     """Return steps of the same states and measurements, one part after another."""
     return Steps(
         h=np.concatenate([p.h for p in parts]),
@@ -115,22 +115,7 @@ def move_leading(u: FloatArray, d: FloatArray, phi: FloatArray, q: FloatArray) -
             w[i, j] = top[i, j]
         for j in range(lead, n):
             u[i, j] = top[i, j]
-    for j in range(lead - 1, -1, -1):
-        total = 0.0
-        for k in range(2 * lead):
-            total += weight[k] * w[j, k] * w[j, k]
-        d[j] = total
-        u[j, j] = 1.0
-        for i in range(j):
-            share = 0.0
-            if total > 0.0:
-                for k in range(2 * lead):
-                    share += weight[k] * w[i, k] * w[j, k]
-                share /= total
-            u[i, j] = share
-            u[j, i] = 0.0
-            for k in range(2 * lead):
-                w[i, k] -= share * w[j, k]
+    orthogonalise(u, d, w, weight)
 
 
 @numba.njit(cache=True, fastmath=REORDERED)

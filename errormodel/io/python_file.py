@@ -15,11 +15,16 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class PythonFile:
-    """A file that was run: where it is, the SHA-256 of its text, and what it defines."""
+    """A file that was run: where it is, its text, and what it defines."""
 
     path: Path
-    sha256: str
+    content: bytes
     module: ModuleType
+
+    @property
+    def sha256(self) -> str:
+        """SHA-256 of its text."""
+        return hashlib.sha256(self.content).hexdigest()
 
     @property
     def source(self) -> str:
@@ -28,7 +33,7 @@ class PythonFile:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Source:
+class LibrarySource:
     """A user's file that members of a library came from: its name, the SHA-256 of its text."""
 
     name: str
@@ -36,13 +41,13 @@ class Source:
     members: frozenset[str]
 
 
-def sources_of(sources: Iterable[Source], names: Iterable[str]) -> tuple[Source, ...]:
+def sources_of(sources: Iterable[LibrarySource], names: Iterable[str]) -> tuple[LibrarySource, ...]:
     """Return the files that some members came from."""
     wanted = set(names)
     return tuple(one for one in sources if one.members & wanted)
 
 
-def check_source(name: str, sha256: str, opened: Iterable[Source]) -> None:
+def check_source(name: str, sha256: str, opened: Iterable[LibrarySource]) -> None:
     """Check that a file which a model needs is open, as it was when the model was made.
 
     Raises
@@ -53,7 +58,7 @@ def check_source(name: str, sha256: str, opened: Iterable[Source]) -> None:
     if sha256 not in [one.sha256 for one in opened]:
         raise ValueError(
             f"needs the library {name}, SHA-256 {sha256[:12]}…; expected that file by --library, "
-            "as it was when this was made"
+            "unchanged since the model was made"
         )
 
 
@@ -72,6 +77,17 @@ def run_python_file(path: Path | str) -> PythonFile:
         content = path.read_bytes()
     except OSError as err:
         raise InputError(path, "", err.strerror or str(err)) from None
+    return run_python_text(path, content)
+
+
+def run_python_text(path: Path, content: bytes) -> PythonFile:
+    """Run the text of a file of Python, written already or not.
+
+    Raises
+    ------
+    InputError
+        If it fails.
+    """
     spec = importlib.util.spec_from_file_location("accelbench_user_library", path)
     if spec is None or spec.loader is None:
         raise InputError(path, "", "expected a file of Python, NAME.py")
@@ -80,7 +96,7 @@ def run_python_file(path: Path | str) -> PythonFile:
         exec(compile(content, str(path), "exec"), module.__dict__)
     except Exception as err:
         raise InputError(path, "", f"{type(err).__name__}: {err}") from None
-    return PythonFile(path=path, sha256=hashlib.sha256(content).hexdigest(), module=module)
+    return PythonFile(path=path, content=content, module=module)
 
 
 def members_of(file: PythonFile, name: str, kind: type[T]) -> tuple[T, ...]:

@@ -50,7 +50,7 @@ def parse_toml(text: str, source: Path | str) -> dict[str, Any]:
     try:
         return tomllib.loads(text)
     except (tomllib.TOMLDecodeError, ValueError, RecursionError) as err:
-        quotes = "; text stands in quotes" if "Invalid value" in str(err) else ""
+        quotes = "; text must be in quotes" if "Invalid value" in str(err) else ""
         other = Path(source).suffix.lower() not in ("", ".toml")
         expected = ", expected a .toml file" if other else quotes
         raise InputError(source, "", f"not TOML: {err}{expected}") from None

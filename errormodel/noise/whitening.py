@@ -206,7 +206,7 @@ class BlockWhitener:
 
     def __init__(self, slow: SlowProcesses, width: int) -> None:
         if slow.continued:
-            raise ValueError("noise that goes on between runs needs a time base of the whole")
+            raise ValueError("noise that continues between runs needs a common time base")
         m = slow.variance.size
         self._slow = slow
         self._cov, self._last = np.zeros((m, m)), np.array([0.0, NO_RUN])

@@ -16,10 +16,9 @@ from scipy import optimize, special, stats
 
 from errormodel.arrays import FloatArray
 from errormodel.statistics.variance_design import (
-    Design,
     Evaluation,
     RandomFactor,
-    degrees_of_freedom,
+    VarianceDesign,
     make_design,
 )
 
@@ -28,7 +27,6 @@ __all__ = [
     "RandomFactor",
     "VarianceFit",
     "bartlett_factor",
-    "degrees_of_freedom",
     "fit_components",
 ]
 
@@ -126,7 +124,7 @@ def fit_components(
     Raises
     ------
     ValueError
-        If shapes differ, a name stands twice, or the factors leave nothing to tell the noise by.
+        If shapes differ, a name is listed twice, or the factors leave nothing to tell the noise by.
 
     References
     ----------
@@ -170,7 +168,7 @@ class _Point:
 class _Search:
     """Minimises minus twice the restricted log-likelihood, some variances held or none."""
 
-    def __init__(self, design: Design) -> None:
+    def __init__(self, design: VarianceDesign) -> None:
         self.design = design
 
     def start(self) -> FloatArray:

@@ -61,7 +61,7 @@ class _Groups:
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Design:
+class VarianceDesign:
     """Everything the likelihood needs; observations are scaled to unit variance by `scale`.
 
     `within` is the mean square that no factor explains.
@@ -138,26 +138,30 @@ class Design:
         return score, information
 
 
-def make_design(y: FloatArray, factors: Sequence[RandomFactor], fixed: FloatArray) -> Design:
+def make_design(
+    y: FloatArray, factors: Sequence[RandomFactor], fixed: FloatArray
+) -> VarianceDesign:
     """Reduce observations to cross products.
 
     Raises
     ------
     ValueError
-        If shapes differ, a name stands twice, or nothing is left to tell the noise by.
+        If shapes differ, a name is listed twice, or nothing is left to tell the noise by.
     """
     names = [f.name for f in factors]
     if len(set(names)) != len(names):
-        raise ValueError("a factor stands twice")
+        raise ValueError("a factor is listed twice")
     wrong = [f.name for f in factors if f.codes.shape != y.shape]
     if wrong or fixed.shape[0] != y.size:
         raise ValueError(f"{', '.join(wrong) or 'fixed'}: expected {y.size} rows")
     levels = [int(f.codes.max(initial=-1)) + 1 for f in factors]
     z = np.hstack([np.zeros((y.size, 0)), *(_indicators(f.codes) for f in factors)])
-    dof = degrees_of_freedom(factors, y.size, fixed)
+    dof = stratum_degrees_of_freedom(factors, y.size, fixed)
     for name, count in zip([*names, "noise"], dof, strict=True):
         if count < 1:
-            raise ValueError(f"{name} cannot be told from the rest: no degree of freedom is left")
+            raise ValueError(
+                f"{name} cannot be separated from the rest: no degree of freedom is left"
+            )
     centred = y - fixed @ np.linalg.lstsq(fixed, y, rcond=None)[0]
     scale = float(np.sqrt(np.mean(centred**2))) or 1.0
     centred = centred / scale
@@ -166,7 +170,7 @@ def make_design(y: FloatArray, factors: Sequence[RandomFactor], fixed: FloatArra
     yy = float(centred @ centred)
     inverse = np.linalg.pinv(groups.zz, hermitian=True)
     explained = float(np.einsum("gq,gqr,gr->", groups.zy, inverse, groups.zy))
-    return Design(
+    return VarianceDesign(
         groups=groups,
         xx=fixed.T @ fixed,
         xy=fixed.T @ centred,
@@ -179,7 +183,7 @@ def make_design(y: FloatArray, factors: Sequence[RandomFactor], fixed: FloatArra
     )
 
 
-def degrees_of_freedom(
+def stratum_degrees_of_freedom(
     factors: Sequence[RandomFactor], n: int, fixed: FloatArray | None = None
 ) -> tuple[int, ...]:
     """Return the degrees of freedom of each factor's stratum and of the noise of n observations."""

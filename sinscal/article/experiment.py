@@ -45,7 +45,7 @@ NOISE = SensorNoise(gyro=0.02 * DEG_PER_H, accel=1e-4)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Experiment:
+class ArticleExperiment:
     """Result of the experiment.
 
     Attributes
@@ -87,7 +87,7 @@ def navigation_experiment(
     *,
     sigmas: Mapping[str, float] = GROUP_SIGMAS,
     height_held: bool = True,
-) -> Experiment:
+) -> ArticleExperiment:
     """Run the experiment on simulated sensors.
 
     Parameters
@@ -115,7 +115,7 @@ def navigation_experiment(
     left = as_vector(sensors, later) - found.values
     starts = [_aligned(c, true.site, sensors, left) for c in true.cycles]
     after = navigate_rig(again, starts, output_step_s=OUTPUT_S, height_held=height_held)
-    return Experiment(
+    return ArticleExperiment(
         calibration=found,
         first=first,
         before=before,

@@ -24,7 +24,7 @@ Targets = tuple[float, float]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Candidate:
+class TriedFlight:
     """A flight tried, and ρ at its end after the coarse and the precise calibration, m."""
 
     plan: FlightPlan
@@ -45,25 +45,25 @@ class TrajectorySearch:
 
     Attributes
     ----------
-    scanned : tuple of Candidate
+    scanned : tuple of TriedFlight
         The grid, best first.
-    refined : tuple of Candidate
+    refined : tuple of TriedFlight
         For each period the speed and amplitude that come closest.
     refused : int
         Snakes of the grid that no aircraft flies.
     """
 
-    scanned: tuple[Candidate, ...]
-    refined: tuple[Candidate, ...]
+    scanned: tuple[TriedFlight, ...]
+    refined: tuple[TriedFlight, ...]
     refused: int
 
     @property
-    def family(self) -> tuple[Candidate, ...]:
+    def family(self) -> tuple[TriedFlight, ...]:
         """Refined snakes on which both figures come out within 1 %."""
         return tuple(c for c in self.refined if c.miss <= FITS_WITHIN)
 
     @property
-    def best(self) -> Candidate:
+    def best(self) -> TriedFlight:
         """The closest of all."""
         return min((*self.refined, *self.scanned), key=lambda c: c.miss)
 
@@ -113,15 +113,15 @@ def find_trajectories(
     """
     base = base or FlightPlan()
 
-    def fly(plan: FlightPlan | None) -> Candidate | None:
+    def fly(plan: FlightPlan | None) -> TriedFlight | None:
         if plan is None:
             return None
         found = flight_sensitivity(plan, coarse.names, noise=noise, every_s=plan.duration_s)
         rho = [assess(found, one).rho_end_m for one in (coarse, precise)]
-        return Candidate(plan=plan, coarse_m=rho[0], precise_m=rho[1], targets=targets)
+        return TriedFlight(plan=plan, coarse_m=rho[0], precise_m=rho[1], targets=targets)
 
     grid = [(v, s, p) for p in periods_s for v in speeds_m_s for s in swings_rad]
-    scanned: list[Candidate] = []
+    scanned: list[TriedFlight] = []
     for k, (speed, swing, period) in enumerate(grid):
         one = fly(_snake(base, speed, swing, period))
         scanned += [one] if one else []
@@ -130,7 +130,7 @@ def find_trajectories(
     if not scanned:
         raise ValueError("none of the flights can be flown: they are too steep")
     scanned.sort(key=lambda c: c.miss)
-    refined: list[Candidate] = []
+    refined: list[TriedFlight] = []
     for period in periods_s:
         starts = [c for c in scanned if c.plan.period_s == period]
         refined += [_refined(fly, base, starts[0])] if starts else []
@@ -150,8 +150,8 @@ def _snake(base: FlightPlan, speed: float, swing: float, period: float) -> Fligh
 
 
 def _refined(
-    fly: Callable[[FlightPlan | None], Candidate | None], base: FlightPlan, start: Candidate
-) -> Candidate:
+    fly: Callable[[FlightPlan | None], TriedFlight | None], base: FlightPlan, start: TriedFlight
+) -> TriedFlight:
     best = start
     period = start.plan.period_s
 

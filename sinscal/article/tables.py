@@ -25,7 +25,7 @@ from sinscal.library import BASIC, rig_library
 from sinscal.library.angle import TIME_OFFSET
 from sinscal.model.priors import make_prior
 from sinscal.model.sensors import sensor_model
-from sinscal.planning.covariance import Linearised, RigCovariance, linearise, solve
+from sinscal.planning.covariance import LinearisedFilter, RigCovariance, linearise, solve
 from sinscal.twin.programme import article_programme
 
 Base = Literal["known", "same", "free"]
@@ -79,8 +79,8 @@ class Reading:
         gyro = NOISE.gyro * self.gyro_factor / DEG_PER_H
         bases = {
             "known": "The platform's attitude at angle zero is known (it gives north as well).",
-            "same": "The platform's attitude at angle zero is one unknown for all cycles.",
-            "free": "The platform's attitude at angle zero is an unknown of each cycle.",
+            "same": "The platform's attitude at angle zero is one parameter for all cycles.",
+            "free": "The platform's attitude at angle zero is a separate parameter in each cycle.",
         }
         return (
             f"Accelerometer noise {accel:g} mm/s² at 1 Hz, {_times(self.accel_factor)}.",
@@ -88,11 +88,11 @@ class Reading:
             "The gyros carry the attitude from cycle to cycle."
             if self.carried
             else "The attitude starts anew in each cycle.",
-            "The azimuth of the rotation axis is left to the filter."
+            "The azimuth of the rotation axis is estimated by the filter."
             if self.azimuth_arcmin is None
             else f"The azimuth of the rotation axis is known to {self.azimuth_arcmin:g} arcmin.",
             bases[self.base],
-            "The mounting is another unknown in each cycle."
+            "The mounting is a separate parameter in each cycle."
             if self.remounted
             else "The mounting (1°) is the same in all cycles; the clock offset (0.05 s) too.",
         )
@@ -177,7 +177,7 @@ class ArticleAnalysis:
     """The article's analysis, linearised once for all readings."""
 
     def __init__(self) -> None:
-        self._made: dict[tuple[bool, bool], Linearised] = {}
+        self._made: dict[tuple[bool, bool], LinearisedFilter] = {}
 
     def tables(self, reading: Reading) -> ArticleTables:
         """Compute both tables under a reading."""
@@ -197,7 +197,7 @@ class ArticleAnalysis:
             prior = replace(prior, base_sigma_rad=KNOWN_RAD)
         return self._solve(replace(made, rig=replace(made.rig, prior=prior)), reading)
 
-    def _solve(self, made: Linearised, reading: Reading) -> RigCovariance:
+    def _solve(self, made: LinearisedFilter, reading: Reading) -> RigCovariance:
         """Run the filter with a reading's noise: the linearisation does not depend on it."""
         r, q = made.steps.r.copy(), made.steps.q.copy()
         r[:, :3] *= reading.accel_factor**2
@@ -210,7 +210,7 @@ class ArticleAnalysis:
             one_base=reading.base == "same",
         )
 
-    def _linearised(self, *, angle: bool, remounted: bool) -> Linearised:
+    def _linearised(self, *, angle: bool, remounted: bool) -> LinearisedFilter:
         key = (angle, remounted)
         if key not in self._made:
             programme = article_programme()
@@ -222,7 +222,7 @@ class ArticleAnalysis:
         return self._made[key]
 
 
-def readings() -> Iterator[Reading]:
+def article_readings() -> Iterator[Reading]:
     """Return the readings that are scanned: all combinations of what may have been meant."""
     bases: tuple[Base, ...] = ("known", "same", "free")
     for accel, gyro, carried, azimuth, base, remounted in product(
@@ -249,7 +249,7 @@ def best_reading(analysis: ArticleAnalysis | None = None) -> tuple[Reading, floa
     analysis = analysis or ArticleAnalysis()
     coarse: dict[Reading, FloatArray] = {}
     best = (LITERAL, np.inf)
-    for reading in readings():
+    for reading in article_readings():
         alike = replace(reading, base="free", remounted=False)  # what coarse mode sees of it
         if alike not in coarse:
             coarse[alike] = _ratios(_table(analysis.coarse(reading), PUBLISHED_COARSE))

@@ -49,7 +49,7 @@ class Nis:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Channel:
+class ChannelConsistency:
     """One row of measurements: its NIS, and the p-values of whiteness and of slow drift."""
 
     name: str
@@ -76,7 +76,7 @@ class Consistency:
     ----------
     nis : Nis
         Over forces and the rig's angle along its axis.
-    channels : tuple of Channel
+    channels : tuple of ChannelConsistency
     bounded : Nis, optional
         Of the rows whose assumed noise is a bound (the rig's axis across itself; positions): at
         most the upper end of its interval when it is.
@@ -95,7 +95,7 @@ class Consistency:
     """
 
     nis: Nis
-    channels: tuple[Channel, ...]
+    channels: tuple[ChannelConsistency, ...]
     bounded: Nis | None
     held_out: tuple[HoldOut, ...]
     prior: Shift
@@ -215,7 +215,7 @@ def slow_drift(series: Sequence[FloatArray], length: int = SLOW_INTERVALS) -> fl
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Rows:
+class MeasurementRows:
     """The rows of a filter's measurements: their names, and which are white when all is right.
 
     The noise assumed for the others is a bound.
@@ -225,22 +225,24 @@ class Rows:
     white: tuple[int, ...]
 
 
-def rows_of_rig(count: int) -> Rows:
+def rows_of_rig(count: int) -> MeasurementRows:
     """Return the rows of the rig filter, three (coarse) or six (precise)."""
     names = FORCES if count == 3 else (*FORCES, ALONG, *ACROSS)
-    return Rows(names=names, white=tuple(k for k, name in enumerate(names) if name not in ACROSS))
+    return MeasurementRows(
+        names=names, white=tuple(k for k, name in enumerate(names) if name not in ACROSS)
+    )
 
 
 def judge_innovations(
-    normalised: FloatArray, cycle_of_step: IntArray, rows: Rows
-) -> tuple[Nis, tuple[Channel, ...], Nis | None]:
+    normalised: FloatArray, cycle_of_step: IntArray, rows: MeasurementRows
+) -> tuple[Nis, tuple[ChannelConsistency, ...], Nis | None]:
     """Judge normalised innovations (K, m): all white ones, each of them, and the bounded ones."""
     cycles = [normalised[cycle_of_step == k] for k in range(int(cycle_of_step.max()) + 1)]
-    channels: list[Channel] = []
+    channels: list[ChannelConsistency] = []
     for k in rows.white:
         series = [c[:, k] for c in cycles]
         channels.append(
-            Channel(
+            ChannelConsistency(
                 name=rows.names[k],
                 nis=nis_of(_seen(normalised[:, k])),
                 white_p=ljung_box(series),
@@ -257,7 +259,7 @@ def _seen(values: FloatArray) -> FloatArray:
 
 
 def refused_of(
-    filtered: Filtered, cycle_of_step: IntArray, time_s: FloatArray, rows: Rows
+    filtered: Filtered, cycle_of_step: IntArray, time_s: FloatArray, rows: MeasurementRows
 ) -> tuple[Refused, ...]:
     """Return the measurements that the gate refused, in order of time."""
     out = np.isfinite(filtered.innovation) & ~filtered.used

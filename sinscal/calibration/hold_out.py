@@ -151,7 +151,7 @@ def hold_out(run: RigRun, found: RigCalibration, cycle: int, interval_s: float) 
     cycle : int
         From 0.
     interval_s : float
-        Between two measurements of the filter.
+        Time between two measurements of the filter.
     """
     values, cov = without_cycle(found, cycle)
     alone, p = run.take_cycles([cycle]), len(found.sensors.names)

@@ -17,17 +17,18 @@ import numpy as np
 
 from errormodel.arrays import FloatArray
 from errormodel.filter.kalman import State, initial_state
-from errormodel.filter.steps import Steps, joined
+from errormodel.filter.steps import Steps, join_steps
 from sinscal.calibration.nav_outputs import NavCycle
 from sinscal.filter.data import Nominal, RigNoise
+from sinscal.filter.force_rows import force_steps, sensor_columns
 from sinscal.filter.integrate import attitudes, sum_columns
 from sinscal.filter.layout import RigLayout
-from sinscal.filter.steps import force_steps, sensor_columns
 from sinscal.frames.attitude import rotvec_of
 from sinscal.frames.earth import Site
+from sinscal.model.motion import Motion
 from sinscal.model.noise import InertialNoise
 from sinscal.model.priors import RigPrior
-from sinscal.model.sensors import Motion, SensorModel
+from sinscal.model.sensors import SensorModel
 from sinscal.recording.run import rate_derivative
 
 # The errors depend on the true motion, and that on the errors, in a thousandth of their size: after
@@ -154,7 +155,7 @@ class NavFilter:
         seen = [self.predict(nominal, k) for k in cycles]
         if chord is None:
             made = [(self._restart(k), self._cycle_steps(nominal, k, seen[k])) for k in cycles]
-            chord = joined([step for pair in made for step in pair])
+            chord = join_steps([step for pair in made for step in pair])
         none = np.full((1, chord.z.shape[1]), np.nan)
         left = [part for k in cycles for part in (none, self._left(seen[k], k))]
         return replace(chord, z=np.concatenate(left))

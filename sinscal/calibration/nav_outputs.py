@@ -21,7 +21,7 @@ from errormodel.arrays import FloatArray, IntArray, freeze, readonly, readonly_i
 from sinscal.flight.strapdown import compiled_gravity_m_s2, compiled_radii_m, local_rates
 from sinscal.frames.attitude import rotation, rotvec_of
 from sinscal.frames.earth import radii_m
-from sinscal.frames.quaternions import cross, plus, row_of, scaled
+from sinscal.frames.quaternions import cross, plus, row_of, times
 from sinscal.recording.run import NavRun
 
 # Between outputs the attitude is followed in steps no larger than this: what turns with the body is
@@ -168,6 +168,6 @@ def _by_place(
         r_m, r_n = compiled_radii_m(lat[k])
         earth, craft = local_rates(lat[k], v, r_m + height[k], r_n + height[k])
         spin[k] = plus(earth, craft)
-        slowed[k] = cross(plus(scaled(2.0, earth), craft), v)
+        slowed[k] = cross(plus(times(2.0, earth), craft), v)
         slowed[k, 2] += compiled_gravity_m_s2(lat[k], height[k]) - gravity
     return spin, slowed

@@ -52,8 +52,8 @@ class NoiseFound:
     def warnings(self) -> tuple[str, ...]:
         """Warnings that the result carries."""
         wrong = tuple(
-            f"noise_misstated: {name} noise is {factor:.2f} times what is stated; it was taken "
-            "from the run itself"
+            f"noise_misstated: {name} noise is {factor:.2f} times the stated value; it was "
+            f"estimated from the run"
             for name, factor in self.misstated.items()
         )
         wrong += tuple(
@@ -68,8 +68,8 @@ class NoiseFound:
         what = ", ".join(unstated)
         return (
             *wrong,
-            f"noise_estimated: {what} noise is not stated in the sidecar and was taken from the "
-            f"run itself; NIS then says nothing, whiteness and the cycle held out do",
+            f"noise_estimated: {what} noise is not stated in the sidecar and was estimated from "
+            f"the run; NIS is then no test, but whiteness and the held-out cycle are",
         )
 
 

@@ -11,10 +11,10 @@ NOT_OBSERVED = 0.9  # of the prior's sigma left
 CORRELATED = 0.9
 NAMED = 0.25  # weight from which an unknown is named in a combination
 GAUGE = (
-    "A rotation about one point shows each accelerometer's sensing mass from that point only: "
-    "lever_arm_* are counted from the centre of rotation. Where the centre lies in the case is not "
-    "shown; differences between two accelerometers' arms are the case's own. Rotations about one "
-    "axis do not show arms along it."
+    "A rotation about one point determines the sensing masses only relative to that point: "
+    "lever_arm_* are measured from the centre of rotation. The position of the centre in the "
+    "case is not determined; differences between the arms of two accelerometers are independent "
+    "of it. Rotations about one axis do not determine arms along it."
 )
 
 
@@ -59,7 +59,7 @@ class Observability:
             out.append(f"not observed: {', '.join(self.not_observed)}")
         for one in self.combinations:
             parts = " ".join(f"{w:+.2f}·{name}" for name, w in one.items())
-            out.append(f"cannot be told apart: {parts} (in sigmas of the prior) is not shown")
+            out.append(f"cannot be separated: {parts} (in sigmas of the prior) is not determined")
         for pair in self.correlated:
             out.append(f"{pair.names[0]} and {pair.names[1]} correlate by {pair.correlation:+.3f}")
         return tuple(out)

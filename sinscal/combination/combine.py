@@ -28,8 +28,9 @@ from sinscal.model.chamber import (
     reference_name,
     within_range,
 )
+from sinscal.model.motion import Motion
 from sinscal.model.priors import PriorFile, RigPrior
-from sinscal.model.sensors import Motion, SensorModel, sensor_model
+from sinscal.model.sensors import SensorModel, sensor_model
 from sinscal.recording.run import RigRun
 
 # How far an accelerometer's coefficients may be from anything the chamber says, in the model's own
@@ -120,7 +121,7 @@ def combine(
         If the run has no temperatures, or the models do not fit together.
     """
     tell("rig and chamber")
-    ended, test = joined(
+    ended, test = combine_and_compare(
         run, chambers, mode, groups=groups, priors=priors, turn_on=turn_on, noise=noise
     )
     sensors, prior = ended.sensors, ended.prior
@@ -153,7 +154,7 @@ def combine(
     )
 
 
-def joined(
+def combine_and_compare(
     run: RigRun,
     chambers: Sequence[ChamberModel],
     mode: Mode = "coarse",

@@ -17,7 +17,8 @@ from scipy.stats import chi2
 
 from errormodel.arrays import FloatArray
 from sinscal.model.chamber import ChamberModel, chamber_names
-from sinscal.model.sensors import Motion, SensorModel
+from sinscal.model.motion import Motion
+from sinscal.model.sensors import SensorModel
 from sinscal.recording.run import AXES
 
 FALSE_ALARM = 1e-3
@@ -145,7 +146,7 @@ def _explained(
     told = [f"{text} (χ² falls to {value:.4g})" for value, text in explanations if value <= enough]
     if told:
         return (f"{head}: {told[0]}", *told[1:])
-    return (f"{head}; no exchange of serial numbers and no thermistor offset explains it",)
+    return (f"{head}; neither exchanged serial numbers nor a thermistor offset explain it",)
 
 
 def _best_exchange(

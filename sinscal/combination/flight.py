@@ -15,8 +15,8 @@ from sinscal.flight.covariance import flight_sensitivity
 from sinscal.flight.navigation_errors import DLAT, DLON
 from sinscal.flight.trajectory import FlightPlan
 from sinscal.frames.earth import A_M
+from sinscal.model.motion import Motion
 from sinscal.model.priors import RigPrior
-from sinscal.model.sensors import Motion
 from sinscal.recording.run import AXES, RigRun
 
 
@@ -50,7 +50,7 @@ def flight_errors(
         out[:, :, count] = total - by_plain
         return out
 
-    names = (*sensors.names, "what the plain calibration leaves")
+    names = (*sensors.names, "residual of the plain calibration")
     psi = flight_sensitivity(plan, names, columns=columns).psi[-1][[DLAT, DLON]]
     lat = plan.latitude_rad
     to_m = A_M * np.array([1.0, np.cos(lat)])

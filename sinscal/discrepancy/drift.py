@@ -1,7 +1,8 @@
-"""A slow drift of the constant errors against the names that a search found instead of it.
+"""Comparison of named effects with a slow drift of the constant errors.
 
-A jump, a temperature or an asymmetry follows a drift in part; where the drift is more probable than
-the names together, they are withdrawn, and where it is about as probable it joins their alias set.
+A jump, a temperature or an asymmetry can partly describe a drift. If the drift is more probable
+than the named effects together, they are withdrawn. If it is about as probable, it joins their
+alias set.
 """
 
 from dataclasses import replace
@@ -16,14 +17,14 @@ from sinscal.sensitivity.drift import Drift, drift_of
 from sinscal.sensitivity.problem import FilterProblem
 from sinscal.sensitivity.views import effect_views, tested_effects
 
-# Log likelihoods nearer than this do not decide: odds of 150 to one.
+# Smaller differences of log-likelihood do not decide; 5 corresponds to odds of 150 to one.
 UNDECIDED = 5.0
 
 
 def against_drift(
     before: FilterProblem, verdict: Judgement, result: SearchState
 ) -> tuple[Judgement, SearchState, Drift | None]:
-    """Return verdict and result with drifts considered, and the drift that the run shows.
+    """Return verdict and result after the comparison, and the drift that the run shows.
 
     Parameters
     ----------
@@ -36,7 +37,7 @@ def against_drift(
     if not verdict.names_stand:
         first = drift_of(tests.missing[0], before.run.length_s) if tests.missing else None
         return verdict, result, first
-    # What was named explains as much as a drift may, so this need not be shown by itself.
+    # The drift is compared with the named effects, so it need not be significant by itself.
     rival = next((t for t in tests.tests if drift_of(t, before.run.length_s)), None)
     if rival is None:
         return verdict, result, None
@@ -56,9 +57,9 @@ def against_drift(
 def _evidence(before: FilterProblem, slot: Slot, single: dict[str, EffectTest]) -> float:
     """Return the evidence of a named effect beside the others.
 
-    The chi-square explained is the search's; the cost of its parameters is that of it alone. The
-    search tries many times of a jump: the likelihood's mean over the run is its peak times its
-    width over the run's length (Laplace).
+    The chi-square explained is that of the search; the penalty of its parameters is computed for
+    the effect alone. The search tries many times of a jump, so the mean likelihood over the run is
+    its peak times its width divided by the length of the run (Laplace).
     """
     alone = single.get(slot.choice.name)
     if alone is None:

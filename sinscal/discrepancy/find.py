@@ -24,18 +24,18 @@ from sinscal.recording.run import RigRun
 from sinscal.sensitivity.drift import Drift
 from sinscal.sensitivity.problem import FilterProblem
 
-# A jump of strength seven, the least that is to be named, explains 49, and chance some 10 of it:
-# one that explains less beside a strong effect follows what is not known of that one's shape.
+# A jump of strength seven, the smallest to be named, explains 49, of which some 10 are due to
+# chance. A jump that explains less beside a strong effect may be due to the uncertain shape of that
+# effect.
 RULES = Rules(further_event=Rules().further)
-DRAWS = 1000  # of which the uppermost hundred make the tail of a null distribution
-# Fewer, yet not fewer than so many, of a run so long that all draws would be more than a quarter of
-# a gigabyte.
+DRAWS = 1000  # the largest hundred form the tail of a null distribution
+# Smallest number of draws for a long run, for which all draws would need more than 0.25 GB.
 LEAST_DRAWS, MOST_NUMBERS = 200, 30_000_000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Estimate:
-    """One parameter of an effect as the enlarged filter found it; SI."""
+    """One parameter of an effect, estimated by the enlarged filter; SI."""
 
     value: float
     sigma: float
@@ -54,24 +54,24 @@ class RigEffectFound:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class RigDiscrepancy(Conclusion[CycleGap, str]):
-    """The verdict on one rig run and what it stands on.
+    """The verdict on one rig run and its basis.
 
     Attributes
     ----------
     source : RigSource
     noise : tuple of MeasuredNoise
-        The densities as measured, which everything here was judged by.
+        The measured densities, used by all tests here.
     effects : tuple of RigEffectFound
     where : str or None
-        The factor that the named effect's error follows; without a name, the one that carries most
+        The factor that the named effect's error follows; without a name, the one that explains most
         of the excess.
     channel : str or None
         The channel in which the excess is largest.
     rms_before, rms_after, floor : dict of str to float
         Rms of innovations by channel, m/s² and rad; the floor is that of the noise.
     gaps : tuple of CycleGap
-        By cycle, of the filters of the present and the larger model; those of `held_out_parts` are
-        with the effects chosen and sized by the other cycles alone.
+        By cycle, of the filters of the present and the larger model; those of `held_out_parts` use
+        effects selected and estimated by the other cycles alone.
     smallest_nameable : dict of str to (float, str)
         Size of the effect's first visible parameter at strength seven, and its unit.
     """
@@ -103,19 +103,19 @@ def find_rig_discrepancy(
     seed: int = 1,
     tell: Tell = lambda line: None,
 ) -> RigDiscrepancy:
-    """Find and name what is missing from the model of a SINS in a recorded rig run.
+    """Find and name the missing effect in the model of a SINS from a recorded rig run.
 
     Parameters
     ----------
     run : RigRun
-        Densities of noise that its facts state are where their measurement begins from.
+        The stated noise densities are the start values of their estimates.
     mode : {"coarse", "precise"}, optional
         By default as the present model says, or precise where the rig's angle is recorded.
     present : RigModelFile, optional
         The present model; by default the basic errors alone (`sinscal.library.BASIC`).
     rules : Rules, optional
     draws : int
-        Simulated nulls that calibrate every statistic; of a run of many hours fewer are made.
+        Simulated nulls that calibrate every statistic; fewer for a run of many hours.
     seed : int
         Seed of the draws.
     tell : callable, optional
@@ -140,7 +140,7 @@ def find_rig_discrepancy(
     source = RigSource(run, mode, first, present=present or RigModelFile())
     tell("calibrating with the present model")
     noise, measured = measured_noise(source)
-    tell("again with the noise that the run shows")
+    tell("again with the noise measured in the run")
     source = source.with_noise(noise)
     numbers = source.problem((), NoiseModel()).residual.size
     settings = Settings(
@@ -158,7 +158,7 @@ def _discrepancy(
     conclusion: Conclusion[CycleGap, str],
     measured: tuple[MeasuredNoise, ...],
 ) -> RigDiscrepancy:
-    """Bring together all that a verdict stands on."""
+    """Collect the verdict and its basis."""
     source, choices = measurement.source, conclusion.choices
     before, after = source.filter_with(()), source.filter_with(choices)
     slots = conclusion.result.slots if choices else ()
@@ -178,7 +178,7 @@ def _discrepancy(
 
 
 def _without(source: RigSource, choices: tuple[Choice, ...], slot: Slot) -> FilterProblem:
-    """Return the filter that has all effects chosen but one."""
+    """Return the filter with all chosen effects except one."""
     return source.filter_with([c for c in choices if c != slot.choice])
 
 
@@ -204,10 +204,10 @@ def _found(before: FilterProblem, after: FilterProblem, slot: Slot) -> RigEffect
 
 
 def _where(slots: tuple[Slot, ...], places: tuple[FactorFinding, ...]) -> str | None:
-    """Return the factor to point to.
+    """Return the factor to report.
 
-    The filter carries an error of the gyros on: its innovations follow no factor as closely as
-    the readings do. So of an effect with a name its own factor is told.
+    The filter integrates gyro errors, so its innovations follow a factor less closely than the
+    readings do. For a named effect, its own factor is reported.
     """
     if slots:
         strongest = max(slots, key=lambda s: s.gain)
@@ -216,7 +216,7 @@ def _where(slots: tuple[Slot, ...], places: tuple[FactorFinding, ...]) -> str | 
 
 
 def _loudest(one: FilterProblem) -> str:
-    """Return the channel whose innovations are beyond their noise by most."""
+    """Return the channel with the largest excess of its innovations over their noise."""
     seen = one.found.filtered
     beyond = np.nansum(np.where(one.kept, seen.innovation**2 / seen.variance - 1.0, 0.0), axis=0)
     return one.rows.names[int(np.argmax(beyond))]

@@ -1,11 +1,11 @@
-"""Rig cycles held out: what the other cycles' choice and sizes of effects leave of a cycle.
+"""Held-out rig cycles: residual of a cycle with effects selected and estimated by the others.
 
-The effects are chosen anew without the cycle, by filters that never saw it, and their sizes come
-from the other cycles' innovations. Every cycle turns about another axis and shows some sizes that
-the others hardly do. Sizes are mixed so that those of a cycle and of the others are independent; a
-mixture that the cycle shows better than all others together cannot be judged by them: it is fitted
-to the cycle and left out of the comparison, before and after: to first order, in the innovations of
-the present model.
+The effects are selected again without the cycle, by filters that do not use it, and their sizes are
+estimated from the innovations of the other cycles. Every cycle turns about another axis and
+determines some sizes that the others hardly determine. The sizes are combined linearly so that the
+estimates of the cycle and of the others are independent. A combination that the cycle determines
+better than all others together is fitted to the cycle and left out of the comparison, before and
+after. The comparison is to first order, in the innovations of the present model.
 """
 
 from collections.abc import Sequence
@@ -26,7 +26,8 @@ from sinscal.sensitivity.problem import FilterProblem
 class CycleGap:
     """Rms of a cycle's innovations before and after, by channel; m/s² and rad.
 
-    `names` are the effects in the model after: of a cycle held out, those that the others chose.
+    `names` are the effects in the enlarged model; for a held-out cycle, those selected by the
+    others.
     """
 
     cycle: int
@@ -64,7 +65,7 @@ def gap_of_cycle(before: FilterProblem, k: int, chosen: Sequence[Choice]) -> Cyc
 def gaps_by_cycle(
     before: FilterProblem, after: FilterProblem, choices: Sequence[Choice]
 ) -> tuple[CycleGap, ...]:
-    """Return the innovations of every cycle by the filter of the present and the larger model."""
+    """Return the innovations of every cycle for the present and the larger model."""
 
     def of_cycle(one: FilterProblem, k: int) -> dict[str, float]:
         mine = (one.found.cycle_of_step == k)[:, None]
@@ -80,7 +81,7 @@ def gaps_by_cycle(
 def _compared(
     own: FloatArray, y: FloatArray, other: FloatArray, y_other: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return a cycle's normalised innovations before and after; columns count in prior sigmas."""
+    """Return normalised innovations of a cycle, before and after, in prior sigmas."""
     if own.shape[1] == 0:
         return y, y
     known = other.T @ other + np.eye(own.shape[1])

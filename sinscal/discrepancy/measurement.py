@@ -1,4 +1,4 @@
-"""A rig run's innovations as the investigation takes them."""
+"""The innovations of a rig run as a measurement for the investigation."""
 
 from collections.abc import Sequence
 
@@ -18,7 +18,7 @@ from sinscal.discrepancy.held_out import CycleGap, gap_of_cycle
 from sinscal.discrepancy.source import RigSource
 from sinscal.library import rig_library
 
-REPEAT = "repeat the same programme: what comes again belongs to the model, the rest does not"
+REPEAT = "repeat the same programme: an effect that repeats belongs to the model"
 
 
 class RigInnovations(Measurement[CycleGap, str]):
@@ -31,13 +31,13 @@ class RigInnovations(Measurement[CycleGap, str]):
         self.source = source
 
     def problem(self, chosen: Sequence[Choice], noise: NoiseModel) -> Problem:
-        """Return the engine's problem of the filter with some effects, run anew."""
+        """Return the search problem of the filter with some effects, run again."""
         return self.source.problem(chosen, noise)
 
     def revised(
         self, judgement: Judgement, result: SearchState, places: Sequence[FactorFinding]
     ) -> Revision:
-        """Hold names against factors and against a slow drift of the constant errors."""
+        """Compare names with factors and with a slow drift of the constant errors."""
         judgement = withdraw_if_factor_explains_more(judgement, result, places)
         return Revision(*against_drift(self.source.filter_with(()), judgement, result))
 
@@ -51,7 +51,7 @@ class RigInnovations(Measurement[CycleGap, str]):
     def next_experiment(
         self, result: SearchState, judgement: Judgement, invisible: tuple[str, ...]
     ) -> str | None:
-        """Say what would settle what is open."""
+        """Return the experiment that would decide an open question."""
         open_names = [n for s in result.slots if len(s.alias) > 1 for n in s.alias]
         if judgement.verdict == "alias":
             return _experiments(open_names)
@@ -60,20 +60,20 @@ class RigInnovations(Measurement[CycleGap, str]):
         return _experiments(invisible) if invisible else None
 
     def parts(self, choices: Sequence[Choice]) -> Sequence[int]:
-        """Return the numbers of the cycles; none without effects, and none of a single one."""
+        """Return the numbers of the cycles; empty without effects or with a single cycle."""
         cycles = len(self.source.run.cycles)
         return range(cycles) if choices and cycles > 1 else ()
 
     def without_part(self, part: int) -> "RigInnovations":
-        """Return the other cycles, through filters that never saw it."""
+        """Return the other cycles, with filters that do not use this one."""
         cycles = range(len(self.source.run.cycles))
         return RigInnovations(self.source.of_cycles([k for k in cycles if k != part]))
 
     def gap(
         self, part: int, others: Measurement[CycleGap, str], chosen: Sequence[Choice]
     ) -> CycleGap:
-        """Judge effects on a cycle by the choice and the sizes of the others."""
-        del others  # sizes are mixed anew, in the innovations of the whole run
+        """Test effects on a cycle with the selection and the sizes of the others."""
+        del others  # sizes are combined again, in the innovations of the whole run
         return gap_of_cycle(self.source.filter_with(()), part, chosen)
 
 

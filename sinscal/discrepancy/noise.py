@@ -1,8 +1,9 @@
-"""The noise of a rig run as its own data show it, whatever is stated beside the run.
+"""The noise of a rig run, estimated from its data instead of the stated values.
 
-The gyros' density is that of their readings across the rotation, where there is no motion. Those of
-the accelerometers and of the rig's angle are what the innovations leave beside everything in the
-library and every factor: what is missing from the model does not pass for noise.
+The gyro density is computed from the readings across the rotation axis, where there is no motion.
+The densities of the accelerometers and of the rig angle are computed from the innovations after
+projecting out everything in the library and every factor, so a missing effect is not taken for
+noise.
 """
 
 from dataclasses import dataclass, replace
@@ -16,14 +17,14 @@ from sinscal.discrepancy.source import RigSource
 from sinscal.filter.data import RigNoise
 from sinscal.recording.run import RigFacts
 
-# What is stated is said to differ beyond so many sigmas, and by more than figures are rounded.
+# The stated value is reported as different beyond this many sigmas and beyond rounding.
 DIFFERS_SIGMAS = 4.0
 DIFFERS_SHARE = 0.05
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeasuredNoise:
-    """A density as measured and as stated (None: it is not).
+    """A measured density and its stated value (None if not stated).
 
     Attributes
     ----------
@@ -40,7 +41,7 @@ class MeasuredNoise:
 
     @property
     def differs(self) -> bool:
-        """True where the stated density is not the measured one."""
+        """True if the stated density differs from the measured one."""
         if not self.stated:
             return False
         apart = abs(self.found.value - self.stated)
@@ -53,12 +54,12 @@ def measured_noise(source: RigSource) -> tuple[RigNoise, tuple[MeasuredNoise, ..
     Parameters
     ----------
     source : RigSource
-        Source of the present model, with the noise to begin with.
+        Source of the present model, with the initial noise.
 
     Returns
     -------
     noise : RigNoise
-        For the filter; the bound of the axis' wobble stays what it was.
+        Noise for the filter; the bound of the wobble of the axis is unchanged.
     measured : tuple of MeasuredNoise
     """
     before, facts = source.noise, source.run.facts

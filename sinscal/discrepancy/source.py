@@ -1,4 +1,4 @@
-"""Filters of the present model and of larger ones, each run once, as the search asks for them."""
+"""Filters of the present and of larger models, each run once when the search needs it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -12,7 +12,7 @@ from sinscal.filter.data import RigNoise, cycle_data
 from sinscal.library import BASIC, rig_library
 from sinscal.library.angle import MOUNT
 from sinscal.library.groups import RigEffect
-from sinscal.library.jump import bias_step
+from sinscal.library.jump import constant_error_step
 from sinscal.model.larger_model import RigModelFile
 from sinscal.model.priors import make_prior
 from sinscal.model.sensors import sensor_model
@@ -22,9 +22,9 @@ from sinscal.sensitivity.problem import FilterProblem
 
 @dataclass(frozen=True, eq=False)
 class RigSource:
-    """Makes the problem of the rig filter with some effects added; each model runs once.
+    """Source of rig-filter problems with some effects added; each model runs once.
 
-    `present` is what the filter has beside the basic errors.
+    `present` contains the terms of the filter in addition to the basic errors.
     """
 
     run: RigRun
@@ -41,7 +41,7 @@ class RigSource:
     )
 
     def with_noise(self, noise: RigNoise) -> "RigSource":
-        """Return the same source under another noise: every model runs anew."""
+        """Return the same source under another noise; every model is run again."""
         return self._anew(self.run, noise)
 
     def of_cycles(self, wanted: Sequence[int]) -> "RigSource":
@@ -55,7 +55,7 @@ class RigSource:
 
     @property
     def shown(self) -> tuple[RigEffect, ...]:
-        """The effects for which the run holds what they need."""
+        """The effects for which the run has the necessary signals."""
         angle = self.mode == "precise"
         missing = [e for e in self.effects if not self.holds(e)]
         return tuple(e for e in missing if e.recorded(self.run, angle=angle))
@@ -69,7 +69,7 @@ class RigSource:
         return self.present.mount
 
     def problem(self, chosen: Sequence[Choice], noise: NoiseModel) -> Problem:
-        """Return the problem of the enlarged filter, run anew."""
+        """Return the problem of the enlarged filter, run again."""
         del noise  # innovations are white
         key = _key(chosen)
         if key not in self._problems:
@@ -90,7 +90,9 @@ class RigSource:
     def _calibrated(self, chosen: Sequence[Choice]) -> RigCalibration:
         effects = [rig_library().by_name[c.name] for c in chosen]
         steps = [
-            bias_step(e.step, c.theta[0]) for c, e in zip(chosen, effects, strict=True) if e.step
+            constant_error_step(e.step, c.theta[0])
+            for c, e in zip(chosen, effects, strict=True)
+            if e.step
         ]
         groups = (*BASIC, *self.present.groups, *(g for e in effects for g in e.groups))
         sensors = sensor_model(

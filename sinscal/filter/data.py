@@ -8,8 +8,8 @@ from errormodel.arrays import FloatArray, IntArray
 from sinscal.filter.integrate import interval_rows
 from sinscal.filter.layout import RigLayout
 from sinscal.frames.attitude import rotation
+from sinscal.model.motion import Motion
 from sinscal.model.noise import DriftingNoise
-from sinscal.model.sensors import Motion
 from sinscal.recording.abrupt import abrupt_rows
 from sinscal.recording.run import AXES, BoolArray, RigRun, rate_derivative
 from sinscal.recording.shocks import violent_rows

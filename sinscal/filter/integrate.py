@@ -33,7 +33,7 @@ from sinscal.frames.quaternions import (
     product,
     quaternion_of,
     row_of,
-    scaled,
+    times,
     unit_quaternion,
     vector_of,
     write_matrix,
@@ -154,17 +154,17 @@ def _attitudes(
     for k in range(n):
         dt = step_s[k]
         if dt != left_s:
-            left, left_s = unit_quaternion(scaled(-0.5 * dt, earth)), dt
-        theta = scaled(dt, row_of(w, k))
+            left, left_s = unit_quaternion(times(-0.5 * dt, earth)), dt
+        theta = times(dt, row_of(w, k))
         # coning between steps: the twelfth of the cross product of neighbouring increments
-        full = plus(theta, scaled(1.0 / 12.0, cross(before, theta)))
-        half = unit_quaternion(scaled(0.5, full))
+        full = plus(theta, times(1.0 / 12.0, cross(before, theta)))
+        half = unit_quaternion(times(0.5, full))
         q = product(left, product(q, half))
         # the twelfth of what the increment grows by, of central differences
         first, last = max(k - 1, 0), min(k + 1, n - 1)
         apart = 0.5 * (step_s[first] + step_s[last]) + (dt if last - first == 2 else 0.0)
         slope = dt * dt / 12.0 / apart
-        grown = plus(scaled(-slope, row_of(w, last)), scaled(slope, row_of(w, first)))
+        grown = plus(times(-slope, row_of(w, last)), times(slope, row_of(w, first)))
         write_matrix(product(q, unit_quaternion(grown)), middle[k])
         q = product(left, product(q, half))
         if k % 64 == 63:  # rounding must not let it cease to be a rotation
@@ -184,9 +184,9 @@ def _force_sums(
         for s in range(first[k], first[k + 1]):
             # a force that stands still in n turns in the body during the step: its mean there is
             # shorter across the rotation by (ω·dt)²/24
-            theta, mean = scaled(step_s[s], row_of(w, s)), row_of(f, s)
-            longer = plus(scaled(dot(theta, theta), mean), scaled(-dot(theta, mean), theta))
-            x, y, z = plus(mean, scaled(1.0 / 24.0, longer))
+            theta, mean = times(step_s[s], row_of(w, s)), row_of(f, s)
+            longer = plus(times(dot(theta, theta), mean), times(-dot(theta, mean), theta))
+            x, y, z = plus(mean, times(1.0 / 24.0, longer))
             c = middle[s]
             for i in range(3):
                 force[k, i] += use_s[s] * (c[i, 0] * x + c[i, 1] * y + c[i, 2] * z)

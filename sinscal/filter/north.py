@@ -73,7 +73,8 @@ def judge_north(
                 source,
                 f"cycle {int(np.argmax(sigma_rad)) + 1}",
                 f"the gyros find north only to ± {np.rad2deg(sigma_rad.max()):.0f}°; expected "
-                "azimuth_deg in the sidecar, longer cycles, or gyros that feel the earth turn",
+                "azimuth_deg in the sidecar, longer cycles, or gyros that can measure the "
+                "earth's rotation",
             )
         return known
     apart = (found - given + np.pi) % (2.0 * np.pi) - np.pi

@@ -30,9 +30,9 @@ from sinscal.flight.navigation_errors import (
 )
 from sinscal.flight.trajectory import Flight, FlightPlan, fly
 from sinscal.frames.earth import A_M, earth_rate_enu
+from sinscal.model.motion import Motion
 from sinscal.model.noise import InertialNoise
 from sinscal.model.residual_errors import Calibration, at_rest, error_columns
-from sinscal.model.sensors import Motion
 
 ErrorColumns = Callable[[Motion], FloatArray]
 STEP_S = 1.0  # of the Runge-Kutta integration: the snake's periods are of minutes
@@ -190,7 +190,7 @@ def assess(sensitivity: Sensitivity, calibration: Calibration) -> FlightCovarian
         If the sensitivity was not made for the calibration's parameters.
     """
     if calibration.names != sensitivity.names:
-        raise ValueError("the sensitivity is that of other parameters than the calibration's")
+        raise ValueError("the sensitivity has other parameters than the calibration")
     psi, p = sensitivity.psi, calibration.cov
     cov = psi @ p @ np.swapaxes(psi, 1, 2) + sensitivity.noise_cov
     to_m = A_M * np.stack([np.ones_like(sensitivity.lat_rad), np.cos(sensitivity.lat_rad)], axis=1)

@@ -18,8 +18,8 @@ from sinscal.flight.strapdown import NavState, Track, navigate
 from sinscal.flight.trajectory import Flight, FlightPlan, fly
 from sinscal.frames.attitude import rotvec_of
 from sinscal.frames.earth import A_M, earth_rate_enu
+from sinscal.model.motion import Motion
 from sinscal.model.residual_errors import Calibration, at_rest, sensor_errors
-from sinscal.model.sensors import Motion
 
 STEP_S = 0.1  # perfect sensors keep a banked snake to a metre in an hour with it
 LEVELS = (0.001, 0.999)  # between which the two tests may lie

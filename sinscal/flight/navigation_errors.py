@@ -23,7 +23,7 @@ import numpy as np
 from errormodel.arrays import FloatArray
 from sinscal.flight.strapdown import compiled_gravity_m_s2, compiled_radii_m, local_rates
 from sinscal.frames.earth import A_M, E2, RATE_RAD_S
-from sinscal.frames.quaternions import Vector, plus, scaled
+from sinscal.frames.quaternions import Vector, plus, times
 
 PHI, DV, DP = slice(0, 3), slice(3, 6), slice(6, 9)
 DV_UP, DLAT, DLON, DH = 5, 6, 7, 8
@@ -70,7 +70,7 @@ def navigation_dynamics(lat: float, v: FloatArray, f_n: FloatArray, height: floa
     f[:3, 6] = earth_by_lat + craft_by_lat
     f[:3, 8] = craft_by_h
     f[3:6, :3] = _cross_matrix((f_n[0], f_n[1], f_n[2]))
-    f[3:6, 3:6] = across @ by_v - _cross_matrix(plus(scaled(2.0, earth), craft))
+    f[3:6, 3:6] = across @ by_v - _cross_matrix(plus(times(2.0, earth), craft))
     f[3:6, 6] = across @ (2.0 * earth_by_lat + craft_by_lat)
     f[3:6, 8] = across @ craft_by_h
     # gravity is a square in the height and nearly straight over 2e-3 rad of latitude

@@ -32,7 +32,7 @@ from sinscal.frames.quaternions import (
     product,
     quaternion_of,
     row_of,
-    scaled,
+    times,
     turned,
     unit_quaternion,
     vector_of,
@@ -207,8 +207,8 @@ def body_increments(
     The gain is ∫ C(t) f dt with C the body's turn since the start: exact for constant w and f,
     plus the sculling term; the rotation vector has the coning term.
     """
-    theta, gain = scaled(step, w), scaled(step, f)
-    turn = plus(theta, scaled(bend, cross(w0, w)))
+    theta, gain = times(step, w), times(step, f)
+    turn = plus(theta, times(bend, cross(w0, w)))
     angle2 = dot(theta, theta)
     if angle2 < 1e-8:
         first, second = 0.5 - angle2 / 24.0, 1.0 / 6.0 - angle2 / 120.0
@@ -217,8 +217,8 @@ def body_increments(
         first = (1.0 - np.cos(angle)) / angle2
         second = (1.0 - np.sin(angle) / angle) / angle2
     once = cross(theta, gain)
-    rotated = plus(scaled(first, once), scaled(second, cross(theta, once)))
-    scull = scaled(bend, plus(cross(w0, f), cross(f0, w)))
+    rotated = plus(times(first, once), times(second, cross(theta, once)))
+    scull = times(bend, plus(cross(w0, f), cross(f0, w)))
     return turn, plus(gain, plus(rotated, scull))
 
 
@@ -233,12 +233,12 @@ def advance(
     for _ in range(2):  # predict with the start's values, then repeat with those of the middle
         r_m, r_n = compiled_radii_m(lat)
         earth, craft = local_rates(lat, middle, r_m + height, r_n + height)
-        spin = scaled(step, plus(earth, craft))
-        gained = plus(plus(v, pushed), scaled(-0.5, cross(spin, pushed)))
-        gained = plus(gained, scaled(-step, cross(plus(scaled(2.0, earth), craft), middle)))
+        spin = times(step, plus(earth, craft))
+        gained = plus(plus(v, pushed), times(-0.5, cross(spin, pushed)))
+        gained = plus(gained, times(-step, cross(plus(times(2.0, earth), craft), middle)))
         climb = 0.0 if height_held else gained[2] - step * compiled_gravity_m_s2(lat, height)
         gained = (gained[0], gained[1], climb)
-        middle = scaled(0.5, plus(v, gained))
+        middle = times(0.5, plus(v, gained))
         lat = p[0] + 0.5 * step * middle[1] / (r_m + height)
         height = p[2] + 0.5 * step * middle[2]
     place = (
@@ -246,7 +246,7 @@ def advance(
         p[1] + step * middle[0] / ((r_n + height) * np.cos(lat)),
         p[2] + step * middle[2],
     )
-    q = product(product(unit_quaternion(scaled(-1.0, spin)), q), unit_quaternion(turn))
+    q = product(product(unit_quaternion(times(-1.0, spin)), q), unit_quaternion(turn))
     return place, gained, normalised(q)
 
 

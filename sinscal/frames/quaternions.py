@@ -34,7 +34,7 @@ def plus(a: Vector, b: Vector) -> Vector:
 
 
 @numba.njit(cache=True)
-def scaled(k: float, a: Vector) -> Vector:
+def times(k: float, a: Vector) -> Vector:
     """Return k·a."""
     return k * a[0], k * a[1], k * a[2]
 
@@ -72,7 +72,7 @@ def unit_quaternion(v: Vector) -> Quaternion:
 def product(a: Quaternion, b: Quaternion) -> Quaternion:
     """Return the quaternion product: b's rotation, then a's."""
     u, v = (a[1], a[2], a[3]), (b[1], b[2], b[3])
-    x, y, z = plus(plus(scaled(a[0], v), scaled(b[0], u)), cross(u, v))
+    x, y, z = plus(plus(times(a[0], v), times(b[0], u)), cross(u, v))
     return a[0] * b[0] - dot(u, v), x, y, z
 
 
@@ -80,8 +80,8 @@ def product(a: Quaternion, b: Quaternion) -> Quaternion:
 def turned(q: Quaternion, a: Vector) -> Vector:
     """Return a vector turned by a unit quaternion."""
     u = (q[1], q[2], q[3])
-    once = scaled(2.0, cross(u, a))
-    return plus(a, plus(scaled(q[0], once), cross(u, once)))
+    once = times(2.0, cross(u, a))
+    return plus(a, plus(times(q[0], once), cross(u, once)))
 
 
 @numba.njit(cache=True)

@@ -23,10 +23,10 @@ from sinscal.recording.run import NavRun, RigRun
 
 # What the tests do not see. The clock: a rate is an angle over its seconds.
 CLOCK = ("the recorder's clock (1000 ppm fast is −1000 ppm in every gyro scale)",)
-NEVER = ("gravity that differs from the normal one", "two effects that hide each other")
+NEVER = ("gravity that differs from the normal one", "two effects that cancel each other")
 NO_EFFECTS = (
-    "effects that the model lacks, and so there are no protection levels: only rig calibrate of "
-    "raw sensors tests them"
+    "missing effects, so there are no protection levels: only rig calibrate with raw sensors "
+    "tests for them"
 )
 LISTED = 500  # refused measurements; their number is always told
 

@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from errormodel.arrays import FloatArray
-from errormodel.io.python_file import Source, check_source, sources_of
+from errormodel.io.python_file import LibrarySource, check_source, sources_of
 from errormodel.io.signed import check_digest, content_digest, json_file_text, read_json
 from errormodel.io.toml import check
 from errormodel.terms import Description
@@ -27,7 +27,7 @@ from sinscal.recording.run import NavRun, RigRun
 FORMAT = "accelbench-rig-calibration"
 VERSION = 1
 APPLIED = (
-    "x = T − t_ref_c; what is not among names is 0. To correct readings solve for ω and f: "
+    "x = T − t_ref_c; parameters not in names are 0. To correct readings solve for ω and f: "
     "ω ← ω′ − error(ω, f), f ← f′ − error(ω, f), from ω′ and f′, until nothing changes (four times)"
 )
 REST = "specific force at rest points up; the platform's axes are those of exp(rig_mount ×)·body"
@@ -42,7 +42,7 @@ Finite = Annotated[float, Field(allow_inf_nan=False)]
 Sigma = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
 
-def formula() -> str:
+def calibration_formula() -> str:
     """Return how the library's errors enter what the sensors measure, in words."""
     known = rig_library()
     return (
@@ -55,7 +55,7 @@ class _Part(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
-class ParameterValue(_Part):
+class ParameterEstimate(_Part):
     """One estimate."""
 
     value: Finite
@@ -99,11 +99,11 @@ class ResultContent(_Part):
     groups: tuple[str, ...]
     t_ref_c: Finite
     gravity_m_s2: Finite
-    parameters: dict[str, ParameterValue]
+    parameters: dict[str, ParameterEstimate]
     names: tuple[str, ...]
     covariance: tuple[tuple[Finite, ...], ...]
     prior: dict[str, PriorValue]
-    formula: str = Field(default_factory=lambda: formula())
+    formula: str = Field(default_factory=lambda: calibration_formula())
     signs: str = Field(default_factory=lambda: f"{rig_library().signs}; {REST}")
     axes: str = AXES_TEXT
     units: str = UNITS
@@ -198,7 +198,9 @@ def make_result(judged: Judged, run: RigRun | NavRun) -> RigResult:
     )
 
 
-def library_files(sources: Sequence[Source], names: Sequence[str]) -> tuple[LibraryFile, ...]:
+def library_files(
+    sources: Sequence[LibrarySource], names: Sequence[str]
+) -> tuple[LibraryFile, ...]:
     """Return the user's files that some groups or terms come from, as a result has them."""
     found = sources_of(sources, names)
     return tuple(LibraryFile(name=one.name, sha256=one.sha256) for one in found)

@@ -26,35 +26,35 @@ def warnings_of(found: Calibration, consistency: Consistency) -> list[str]:
     sigma = float(np.sqrt(consistency.nis.mean))
     if consistency.noise_known and not 1 / NOISE_FACTOR < sigma < NOISE_FACTOR:
         out.append(
-            f"noise_contradiction: the innovations are {sigma:.2g} times as large as the noise "
-            "stated allows; all sigmas are wrong by about that, or the model lacks something"
+            f"noise_contradiction: the innovations are {sigma:.2g} times as large as the stated "
+            f"noise; all sigmas are wrong by about this factor, or the model lacks an effect"
         )
     if not (consistency.white and consistency.steady):
         out.append(
-            "coloured_innovations: the innovations are not white: the sensors drift slowly or the "
-            "model lacks something, and the sigmas are too small; " + _advice(found)
+            "coloured_innovations: the innovations are not white: the sensors drift slowly or "
+            "the model lacks an effect, and the sigmas are too small; " + _advice(found)
         )
     if not consistency.repeats:
         worst = min(consistency.held_out, key=lambda held: held.shift.p_value)
         out.append(
-            f"cycle_contradiction: cycle {worst.cycle + 1} does not agree with the "
-            f"others; where nothing else is wrong the sensors drift: {_advice(found)}"
+            f"cycle_contradiction: cycle {worst.cycle + 1} does not agree with the others; if no "
+            f"other fault is found, the sensors drift: {_advice(found)}"
         )
     if not consistency.within_bound:
         out.append(
-            "axis_moves: across itself the rig's axis moves more than assumed; see --axis-wobble"
+            "axis_moves: the rig's axis moves across itself more than assumed; see --axis-wobble"
         )
     if not consistency.expected:
         out.append(
-            f"prior_contradiction: the errors are larger than expected beforehand, χ² "
-            f"{consistency.prior.chi2:.0f} with {consistency.prior.dof} degrees of freedom; where "
-            "that is no fault, --priors takes wider ones"
+            f"prior_contradiction: the errors are larger than their priors, χ² "
+            f"{consistency.prior.chi2:.0f} with {consistency.prior.dof} degrees of freedom; if "
+            f"this is not a fault, give wider priors with --priors"
         )
     out += prior_contradictions(found.names, found.values, found.sensors, found.prior)
     if consistency.effects is not None:
         out += _missing(consistency.effects)
     if not consistency.converged:
-        out.append("not_converged: the estimates still move; the values are not to be used")
+        out.append("not_converged: the estimates still change; do not use the values")
     return out
 
 
@@ -68,18 +68,18 @@ def _missing(effects: EffectTests) -> list[str]:
     groups = f"--groups {effect.name} estimates it; " if effect.groups else ""
     more = f"; so would, less well, {', '.join(t.name for t in others)}" if others else ""
     return [
-        f"effect_missing: {effect.name} would explain what the innovations show (χ² "
+        f"effect_missing: {effect.name} would explain the innovations (χ² "
         f"{first.chi2:.0f} with {first.dof} degrees of freedom, p {first.p_value:.1g}): "
-        f"{what}{more}; {groups}`accelbench discrepancy rig` says which it is"
+        f"{what}{more}; {groups}`accelbench discrepancy rig` identifies the effect"
     ]
 
 
 def _advice(found: Calibration) -> str:
     if isinstance(found.noise, RigNoise):
         if found.noise.drifts:
-            return "the drift allowed for does not explain it"
-        return "--gyro-instability and --accel-instability allow for drift"
-    return "the outputs do not agree with the noise stated"
+            return "the estimated drift does not explain it"
+        return "--gyro-instability and --accel-instability model drift"
+    return "the outputs do not agree with the stated noise"
 
 
 def prior_contradictions(

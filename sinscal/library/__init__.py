@@ -1,8 +1,7 @@
 """Errors of gyros, accelerometers and the rig's angle, one file a physical family.
 
-Each module holds its groups of terms with their priors and the units people are told them in, and
-the effects made of them. The library collects what its modules hold; a file of a user's own is one
-member more, for as long as a command runs.
+Each module defines its groups of terms with their priors and reported units, and the effects built
+from them. The library collects the modules; a user file is a further member while a command runs.
 """
 
 from collections.abc import Mapping, Sequence
@@ -11,13 +10,13 @@ from functools import cached_property
 
 from errormodel.errors import InputError
 from errormodel.in_use import InUse
-from errormodel.io.python_file import PythonFile, Source, members_of
+from errormodel.io.python_file import LibrarySource, PythonFile, members_of
 from errormodel.terms import Description, Term
 from sinscal.library import accelerometer, angle, gyro, jump, lever
 from sinscal.library.groups import ALL_CHANNELS, ChannelId, Group, Kind, RigEffect
 
 MODULES = (gyro, accelerometer, lever, angle, jump)
-# What the article estimates; all else is added by name.
+# The groups estimated in the article; all others are added by name.
 BASIC = tuple(g.name for module in MODULES for g in module.GROUPS if g.basic)
 
 
@@ -29,22 +28,22 @@ class RigLibrary:
     ----------
     groups : mapping of str to Group
     effects : tuple of RigEffect
-        What the search may name.
+        Effects that the search can name.
     drifts : tuple of RigEffect
-        What a calibration is tested for beside them.
-    sources : tuple of Source
-        The files of the user's that are part of it.
+        Drifts that a calibration is also tested for.
+    sources : tuple of LibrarySource
+        The user files that are part of it.
 
     Raises
     ------
     LookupError
-        If an effect's group is none of the library's.
+        If the group of an effect is not in the library.
     """
 
     groups: Mapping[str, Group]
     effects: tuple[RigEffect, ...]
     drifts: tuple[RigEffect, ...]
-    sources: tuple[Source, ...] = ()
+    sources: tuple[LibrarySource, ...] = ()
 
     def __post_init__(self) -> None:
         for effect in self.effects:
@@ -61,13 +60,17 @@ class RigLibrary:
     def parameters(self) -> Mapping[str, Description]:
         """Description of every parameter by its name: of groups, jumps, drifts and the mounting."""
         kinds: tuple[Kind, ...] = ("gyro", "accel")
-        changes = [g for k in kinds for g in (jump.bias_step(k, 0.0), jump.bias_drift(k, 1.0, 1.0))]
+        changes = [
+            g
+            for k in kinds
+            for g in (jump.constant_error_step(k, 0.0), jump.constant_error_drift(k, 1.0, 1.0))
+        ]
         terms = (g.term(c) for g in (*self.groups.values(), *changes) for c in ALL_CHANNELS)
         made = (c for term in terms if term is not None for c in term.coefficients)
         return {c.name: c for c in (*made, *angle.MOUNTING)}
 
     def parameter(self, name: str) -> Description:
-        """Return what a parameter is.
+        """Return the description of a parameter.
 
         Raises
         ------
@@ -75,7 +78,7 @@ class RigLibrary:
             If no group has it.
         """
         if name not in self.parameters:
-            raise KeyError(f"{name} belongs to no group")
+            raise KeyError(f"{name} is not in a group")
         return self.parameters[name]
 
     @cached_property
@@ -96,8 +99,8 @@ class RigLibrary:
         """
         if name not in self.groups:
             raise KeyError(
-                f"no group {name!r}; known: {', '.join(self.groups)}; one of your own needs "
-                "--library FILE"
+                f"no group {name!r}; known: {', '.join(self.groups)}; a definition of your own "
+                f"needs --library FILE"
             )
         return self.groups[name]
 
@@ -116,13 +119,13 @@ class RigLibrary:
         return tuple(term for term in made if term is not None)
 
     def needs_angle(self, name: str) -> bool:
-        """Return whether a group or an effect of the name shows in the rig's angle alone."""
+        """Return True if the named group or effect appears in the rig angle only."""
         if name in self.groups:
             return self.groups[name].needs_angle
         return name in self.by_name and self.by_name[name].needs == "angle"
 
     def equation(self, kind: Kind) -> str:
-        """Return what sensors of a kind measure, a sum of its groups' parts."""
+        """Return the measurement formula of a kind of sensor, summed over its groups."""
         parts = [g.formula for g in self.groups.values() if kind in g.kinds and g.formula]
         return " + ".join(parts)
 
@@ -132,14 +135,14 @@ class RigLibrary:
         return "; ".join(g.signs for g in self.groups.values() if g.signs)
 
     def with_members(
-        self, groups: Sequence[Group], effects: Sequence[RigEffect], source: Source
+        self, groups: Sequence[Group], effects: Sequence[RigEffect], source: LibrarySource
     ) -> "RigLibrary":
-        """Return the library with members of a user's own.
+        """Return the library with further members from a user.
 
         Raises
         ------
         InputError
-            If a name stands in the library already, or an effect's group in neither.
+            If a name is already in the library, or the group of an effect is in neither.
         """
         for one, known in ((g, self.groups) for g in groups):
             if one.name in known:
@@ -173,11 +176,11 @@ def with_rig_file(file: PythonFile) -> RigLibrary:
     Raises
     ------
     InputError
-        If the file's members are not what they should be.
+        If the members of the file have the wrong type.
     """
     groups = members_of(file, "GROUPS", Group)
     effects = [e for e in members_of(file, "EFFECTS", object) if isinstance(e, RigEffect)]
-    source = Source(
+    source = LibrarySource(
         name=file.path.name, sha256=file.sha256, members=frozenset(g.name for g in groups)
     )
     return rig_library().with_members(groups, effects, source)

@@ -11,8 +11,8 @@ from sinscal.library.groups import (
     WARM,
     ChannelId,
     Group,
-    bias,
     bias_by_temperature,
+    constant_error,
     effect_of,
     misalignment,
     needing,
@@ -34,11 +34,11 @@ def _delay(c: ChannelId) -> Term:
     name = f"accel_delay_{c.letter}"
 
     def late(record: Record) -> FloatArray:
-        # gravity stands still: in the body it changes by f × ω
+        # gravity is constant in local axes: in the body it changes by f × ω
         j, k = AXES[(c.axis + 1) % 3], AXES[(c.axis + 2) % 3]
         return record[f"f_{k}"] * record[f"w_{j}"] - record[f"f_{j}"] * record[f"w_{k}"]
 
-    sentence = "The accelerometer's readings are later than the gyros'."
+    sentence = "The accelerometer readings are delayed relative to the gyros."
     return term_of(name, sentence, [(name, f"τ{c.letter}", "s", late)])
 
 
@@ -52,12 +52,12 @@ def _temperature_scale(c: ChannelId) -> Term:
     return needing(term_of(name, sentence, [(name, f"ΓT{c.letter}", "1/°C", warmed)]), "x_c")
 
 
-# Priors: the article's for what it estimates; for the rest, assumed values of navigation-grade
-# sensors, several times what their data sheets allow.
+# Priors: those of the article for its parameters; otherwise assumed values for navigation-grade
+# sensors, several times the limits of their data sheets.
 BIAS = Group(
     name="accel_bias",
     kinds=("accel",),
-    make=bias,
+    make=constant_error,
     prior_sigma=0.02,
     told=Told(unit="µg", size=MICRO_G),
     formula="Δf⁰",
@@ -79,7 +79,7 @@ MISALIGNMENT = Group(
     make=misalignment,
     prior_sigma=3.0 * ARCMIN,
     told=Told(unit="arcmin", size=ARCMIN),
-    signs="accel_misalignment_ab is Γab: what a force along b adds to accelerometer a",
+    signs="accel_misalignment_ab is Γab: the effect of a force along b on accelerometer a",
     basic=True,
 )
 SECOND_ORDER = Group(
@@ -118,7 +118,7 @@ GROUPS = (BIAS, SCALE, MISALIGNMENT, SECOND_ORDER, DELAY, TEMPERATURE_BIAS, TEMP
 EFFECTS = (
     effect_of(
         DELAY,
-        "The accelerometers' readings are later than the gyros'.",
+        "The accelerometer readings are delayed relative to the gyros.",
         "turn fast both ways: gravity is then seen turned by the rate times the delay",
         RATE,
     ),

@@ -1,4 +1,4 @@
-"""Errors of the rig's angle: its clock, its encoder, and how the SINS stands on the platform."""
+"""Errors of the rig's angle: its clock, its encoder, and the mounting of the SINS."""
 
 from collections.abc import Callable
 from functools import partial
@@ -9,14 +9,22 @@ from errormodel.arrays import FloatArray
 from errormodel.record import Record
 from errormodel.terms import Coefficient, Term, Told
 from sinscal.frames.earth import ARCMIN, ARCSEC
-from sinscal.library.groups import PHASE, RATE, ChannelId, Group, RigEffect, effect_of, term_of
+from sinscal.library.groups import (
+    PHASE,
+    RATE,
+    ChannelId,
+    Group,
+    RigEffect,
+    effect_of,
+    term_of,
+)
 from sinscal.library.groups import signal as signal_of
 from sinscal.recording.run import AXES
 
 TIME_OFFSET = "rig_time_offset"
 MOUNT = "rig_mount"
 MOUNT_SIGMA_RAD = float(np.deg2rad(1.0))  # the article's
-# The mounting on the platform: states of the filter beside the sensors' parameters.
+# The mounting on the platform: states of the filter in addition to the sensor parameters.
 MOUNTING = tuple(
     Coefficient(
         name=f"{MOUNT}_{a}",
@@ -57,7 +65,7 @@ def _harmonic(order: int) -> Callable[[ChannelId], Term]:
             )
             for part, quarter in (("sin", 0.0), ("cos", 0.5 * np.pi))
         ]
-        sentence = f"The encoder's error has {order} period(s) a turn."
+        sentence = f"The encoder's error has {order} period(s) per turn."
         return term_of(f"rig_angle_harmonic_{order}", sentence, parts)
 
     return make
@@ -92,14 +100,14 @@ EFFECTS = (
     ),
     RigEffect(
         name=MOUNT,
-        sentence="The SINS is mounted askew on the platform.",
+        sentence="The SINS is misaligned on the platform.",
         experiment="turn about two instrument axes at least without re-mounting",
         follows=PHASE,
         needs="angle",
     ),
     effect_of(
         HARMONIC,
-        "The encoder's error has one period a turn.",
+        "The encoder's error has one period per turn.",
         "turn through whole turns at a low rate both ways",
         PHASE,
         needs="angle",

@@ -1,11 +1,10 @@
-"""Groups of terms that a SINS's sensors and the rig's angle may have, and effects made of them.
+"""Groups of terms of the SINS sensors and of the rig angle, and effects built from them.
 
 Measured = true + error. Signals: `w_x … w_z` (rate of the body against inertial space, rad/s),
 `dw_x … dw_z` (its derivative, rad/s²), `f_x … f_z` (specific force, m/s²), `x_c` (temperature of
 the channel's own sensor less the reference temperature, °C), `elapsed_s` (since the run began);
-for the angle `angle_rad` and its rate `turn_rad_s`. The axes of the accelerometers fix the body
-frame: z's is free, and Γ is lower triangular, so that x's has no misalignment, y's one (from x) and
-z's two.
+for the angle `angle_rad` and its rate `turn_rad_s`. The accelerometer axes define the body frame. Γ
+is lower triangular, so the x axis has no misalignment, the y axis one (from x) and the z axis two.
 """
 
 from collections.abc import Callable, Sequence
@@ -20,10 +19,10 @@ from errormodel.terms import Coefficient, Description, Term, Told, memoryless
 from sinscal.recording.run import AXES, RigRun
 
 Kind = Literal["gyro", "accel", "angle"]
-# A motion that differs from the others by less than this share of its size tells nothing.
+# A motion that differs from the others by less than this share gives no information.
 MIN_SHARE = 1e-6
 TEMPERATURES = frozenset(["x_c", "x_slow_c", "rate_c_per_min"])
-# The factors that innovations may follow, and effects live in.
+# The factors that innovations and effects may follow.
 PHASE, RATE, CYCLE, TIME, TEMPERATURE = (
     "rotation phase",
     "rate",
@@ -31,13 +30,13 @@ PHASE, RATE, CYCLE, TIME, TEMPERATURE = (
     "time in run",
     "temperature",
 )
-# Warming by less than this tells nothing of temperature.
+# Smaller temperature changes give no information on temperature effects.
 LEAST_WARMING_C = 1.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ChannelId:
-    """Which sensor a term belongs to: its kind and its axis 0, 1, 2 (0 for the angle)."""
+    """The sensor of a term: its kind and its axis 0, 1, 2 (0 for the angle)."""
 
     kind: Kind
     axis: int
@@ -66,26 +65,26 @@ class Group:
     ----------
     name : str
     kinds : tuple of str
-        Kinds of channel that it belongs to.
+        Kinds of channel that have it.
     make : callable
-        Returns a channel's term, or None where the channel has none.
+        Returns the term of a channel, or None if the channel has none.
     prior_sigma : float
-        How large its parameters are expected to be beforehand, SI.
+        Prior sigma of its parameters, SI.
     told : Told
-        The unit people are told them in.
+        Reported unit of its parameters.
     family : str
         The group whose priors hold for it as well; by default itself.
     formula : str
-        Its part of what a sensor measures, in the result file.
+        Its part of the measurement formula in the result file.
     signs : str
-        What its parameters' indices and signs mean, in the result file.
+        Meaning of the indices and signs of its parameters, in the result file.
     basic : bool
-        Whether it is always estimated.
+        True if it is always estimated.
 
     Raises
     ------
     ValueError
-        If nothing is expected of it: it would be estimated as 0 ± 0.
+        If it has no prior sigma: it would be estimated as 0 ± 0.
     """
 
     name: str
@@ -103,7 +102,7 @@ class Group:
             raise ValueError(f"group without a prior: {self.name}; expected prior_sigma > 0")
 
     def term(self, channel: ChannelId) -> Term | None:
-        """Return a channel's term, each parameter with what it belongs to and its prior."""
+        """Return the term of a channel; each parameter has its group, axis and prior."""
         made = self.make(channel) if channel.kind in self.kinds else None
         if made is None:
             return None
@@ -122,7 +121,7 @@ class Group:
 
     @property
     def needs_angle(self) -> bool:
-        """True when it shows in the rig's angle alone."""
+        """True if it appears in the rig angle only."""
         return self.kinds == ("angle",)
 
     @property
@@ -142,19 +141,19 @@ class RigEffect:
     groups : tuple of str
         Groups that it adds; none for a step, a drift and the mounting.
     sentence : str
-        What it is.
+        Physical description.
     experiment : str
-        What would isolate it.
+        Experiment that would isolate it.
     follows : str
         The factor that its error of the readings follows.
     needs : {"", "angle", "temperature"}
-        What the recording must hold for it to show.
+        Data that the recording must contain.
     step : str, optional
-        The kind of sensor whose constant error jumps.
+        The kind of sensor with a step of the constant error.
     drift : str, optional
-        The kind of sensor whose constant error drifts slowly.
+        The kind of sensor with a slow drift of the constant error.
     prior_sigma : float, optional
-        How large a drift is expected to be, SI; of all else the groups say it.
+        Prior sigma of a drift, SI; for all other effects the groups define it.
     """
 
     name: str
@@ -168,7 +167,7 @@ class RigEffect:
     prior_sigma: float | None = None
 
     def recorded(self, run: RigRun, *, angle: bool) -> bool:
-        """Tell whether a run holds what the effect needs to show."""
+        """Return True if a run has the data that the effect needs."""
         if self.needs == "angle":
             return angle
         if self.needs == "temperature":
@@ -236,7 +235,7 @@ def ones(record: Record) -> FloatArray:
     return np.ones(len(record))
 
 
-def bias(c: ChannelId) -> Term:
+def constant_error(c: ChannelId) -> Term:
     """Return a sensor's constant error."""
     symbol, unit = (f"ν{c.letter}", "rad/s") if c.kind == "gyro" else (f"Δf{c.letter}", "m/s²")
     name = f"{c.kind}_bias_{c.letter}"
@@ -278,7 +277,7 @@ def misalignment(c: ChannelId) -> Term | None:
     ]
     if not parts:
         return None
-    return term_of(f"{c.kind}_misalignment_{c.letter}", "The sensitive axis is turned.", parts)
+    return term_of(f"{c.kind}_misalignment_{c.letter}", "The sensitive axis is misaligned.", parts)
 
 
 WARM = "repeat the programme once cold after a rest and once warm, with a thermistor per sensor"

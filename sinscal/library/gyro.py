@@ -11,8 +11,8 @@ from sinscal.library.groups import (
     WARM,
     ChannelId,
     Group,
-    bias,
     bias_by_temperature,
+    constant_error,
     effect_of,
     misalignment,
     scale,
@@ -33,16 +33,16 @@ def _g_sensitivity(c: ChannelId) -> Term:
 
 def _asymmetry(c: ChannelId) -> Term:
     name = f"gyro_scale_asymmetry_{c.letter}"
-    sentence = "The scale factor differs between turning one way and the other."
+    sentence = "The scale factor differs between the two directions of rotation."
     return term_of(name, sentence, [(name, f"Θ±{c.letter}", "1", lambda r: np.abs(r[c.input]))])
 
 
-# Priors: the article's for what it estimates; for the rest, assumed values of navigation-grade
-# sensors, several times what their data sheets allow.
+# Priors: those of the article for its parameters; otherwise assumed values for navigation-grade
+# sensors, several times the limits of their data sheets.
 BIAS = Group(
     name="gyro_bias",
     kinds=("gyro",),
-    make=bias,
+    make=constant_error,
     prior_sigma=0.5 * DEG_PER_H,
     told=Told(unit="°/h", size=DEG_PER_H),
     formula="ν⁰",
@@ -64,7 +64,7 @@ MISALIGNMENT = Group(
     make=misalignment,
     prior_sigma=3.0 * ARCMIN,
     told=Told(unit="arcmin", size=ARCMIN),
-    signs="gyro_misalignment_ab is Θab: what a rate about b adds to gyro a",
+    signs="gyro_misalignment_ab is Θab: the effect of a rate about b on gyro a",
     basic=True,
 )
 G_SENSITIVITY = Group(
@@ -96,12 +96,12 @@ EFFECTS = (
     effect_of(
         G_SENSITIVITY,
         "The gyros' drift changes with the specific force.",
-        "turn slowly both ways about each axis in turn, so that gravity goes round in the body",
+        "turn slowly both ways about each axis in turn, so that gravity rotates in the body",
         PHASE,
     ),
     effect_of(
         SCALE_ASYMMETRY,
-        "The gyros' scale factors differ between turning one way and the other.",
+        "The gyros' scale factors differ between the two directions of rotation.",
         "turn about each axis at two rates or more, each both ways, with the rig's angle recorded",
         RATE,
     ),

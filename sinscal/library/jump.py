@@ -1,4 +1,4 @@
-"""Constant errors that jump or drift within a run."""
+"""Constant errors with a step or a drift within a run."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -12,11 +12,11 @@ from sinscal.library import accelerometer, gyro
 from sinscal.library.groups import TIME, ChannelId, Group, Kind, RigEffect, needing, term_of
 
 CONSTANT_ERRORS = {"gyro": gyro.BIAS, "accel": accelerometer.BIAS}
-# A constant error drifts as warmth that is not recorded makes it, by so many °C.
+# Prior of the drift: the effect of this unrecorded temperature change, °C.
 UNRECORDED_C = 5.0
 
 
-def bias_step(kind: Kind, at_s: float) -> Group:
+def constant_error_step(kind: Kind, at_s: float) -> Group:
     """Return a step of the constant errors of a kind of sensor, at a time since the run began."""
 
     def after(record: Record) -> FloatArray:
@@ -25,20 +25,20 @@ def bias_step(kind: Kind, at_s: float) -> Group:
     def make(c: ChannelId) -> Term:
         name = f"{kind}_bias_step_{c.letter}"
         part = (name, f"Δ{c.letter}", _unit(kind), after)
-        return _passing(term_of(name, "The constant error jumped.", [part]))
+        return _passing(term_of(name, "The constant error has a step.", [part]))
 
     return _of_constant_error(kind, "step", make)
 
 
 def fading(since_s: FloatArray, tau_s: float, span_s: float) -> FloatArray:
-    """Return a course that rises by one over a run: evenly, or fading with a time constant."""
+    """Return a function that rises by one over a run, linearly or decaying."""
     inside = np.clip(since_s, 0.0, span_s)
     if not np.isfinite(tau_s):
         return inside / span_s
     return np.expm1(-inside / tau_s) / np.expm1(-span_s / tau_s)
 
 
-def bias_drift(kind: Kind, tau_s: float, span_s: float) -> Group:
+def constant_error_drift(kind: Kind, tau_s: float, span_s: float) -> Group:
     """Return a drift of the constant errors over a run, zero in its mean."""
     share = tau_s / span_s
     mean = 0.5 if not np.isfinite(tau_s) else -1.0 / np.expm1(-1.0 / share) - share
@@ -55,7 +55,7 @@ def bias_drift(kind: Kind, tau_s: float, span_s: float) -> Group:
 
 
 def _of_constant_error(kind: Kind, change: str, make: Callable[[ChannelId], Term]) -> Group:
-    """Return the group of a change of the constant errors: expected and told as they are."""
+    """Return the group of a change of the constant errors, with their prior and unit."""
     constant = CONSTANT_ERRORS[kind]
     return Group(
         name=f"{constant.name}_{change}",
@@ -75,7 +75,9 @@ def _passing(term: Term) -> Term:
     return replace(needing(term, "elapsed_s"), predictive=False)
 
 
-GROUPS: tuple[Group, ...] = ()  # each belongs to a time: see `bias_step` and `bias_drift`
+GROUPS: tuple[
+    Group, ...
+] = ()  # each belongs to a time: see `constant_error_step`, `constant_error_drift`
 _SENSORS: tuple[tuple[Kind, str, Group], ...] = (
     ("gyro", "gyros", gyro.TEMPERATURE_DRIFT),
     ("accel", "accelerometers", accelerometer.TEMPERATURE_BIAS),
@@ -84,7 +86,7 @@ EFFECTS = tuple(
     RigEffect(
         name=f"{kind}_bias_step",
         sentence=f"The constant errors of the {sensors} jumped.",
-        experiment="repeat the run: a jump does not come again at the same time",
+        experiment="repeat the run: a step does not repeat at the same time",
         follows=TIME,
         step=kind,
     )

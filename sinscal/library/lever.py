@@ -1,4 +1,4 @@
-"""Lever arms: the accelerometers' sensing masses stand off the centre of rotation."""
+"""Lever arms of the accelerometers' sensing masses from the centre of rotation."""
 
 from functools import partial
 
@@ -33,7 +33,7 @@ def _lever_arm(c: ChannelId) -> Term:
         )
         for j in range(3)
     ]
-    sentence = "The sensing mass stands off the centre of rotation and feels its acceleration."
+    sentence = "The sensing mass is away from the centre of rotation and senses its acceleration."
     return term_of(f"lever_arm_{c.letter}", sentence, parts)
 
 
@@ -51,7 +51,7 @@ GROUPS = (LEVER_ARM,)
 EFFECTS = (
     effect_of(
         LEVER_ARM,
-        "The sensing masses stand off the centre of rotation and feel its acceleration.",
+        "The sensing masses are away from the centre of rotation and sense its acceleration.",
         "turn at several rates, among them fast ones: the force grows with the rate squared",
         RATE,
     ),

@@ -269,7 +269,7 @@ def within_range(run: RigRun, valid_c: Sequence[tuple[float, float]]) -> RigRun:
     beyond = np.max(np.abs(np.asarray(run.temp_c) - inside), axis=0).tolist()
     told = [
         f"outside_range: accelerometer {axis}'s temperature is up to {far:.1f} °C outside the "
-        f"range of its model, {lo:.0f} to {hi:.0f} °C; the end of it was taken"
+        f"range of its model, {lo:.0f} to {hi:.0f} °C; the end of the range was used"
         for axis, far, (lo, hi) in zip(AXES, beyond, valid_c, strict=True)
         if far > 0.0
     ]

@@ -6,7 +6,8 @@ import numpy as np
 
 from errormodel.arrays import FloatArray
 from errormodel.errors import InputError
-from sinscal.model.sensors import Motion, SensorModel
+from sinscal.model.motion import Motion
+from sinscal.model.sensors import SensorModel
 from sinscal.recording.run import RigRun, rate_derivative
 
 

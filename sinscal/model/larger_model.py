@@ -17,7 +17,7 @@ from errormodel.io.toml_write import Plain, toml_text
 from sinscal.library import rig_library
 from sinscal.library.angle import MOUNT
 from sinscal.library.groups import Group, Kind
-from sinscal.library.jump import bias_drift, bias_step
+from sinscal.library.jump import constant_error_drift, constant_error_step
 from sinscal.recording.run import NavRun, RigRun
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
@@ -37,7 +37,7 @@ class BiasStep(_Part):
     def group(self) -> Group:
         """The group of its terms."""
         kind: Kind = self.kind
-        return bias_step(kind, self.at_s)
+        return constant_error_step(kind, self.at_s)
 
 
 class BiasDrift(_Part):
@@ -51,7 +51,9 @@ class BiasDrift(_Part):
     def group(self) -> Group:
         """The group of its terms."""
         kind: Kind = self.kind
-        return bias_drift(kind, math.inf if self.tau_s is None else self.tau_s, self.span_s)
+        return constant_error_drift(
+            kind, math.inf if self.tau_s is None else self.tau_s, self.span_s
+        )
 
 
 class FoundValue(_Part):

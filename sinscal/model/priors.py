@@ -108,7 +108,7 @@ def make_prior(
     for part in ("sigma", "mean"):
         for name in getattr(given, part):
             if name not in known or (part == "mean" and name not in names):
-                raise InputError("the priors", f"{part}.{name}", "not an unknown of this model")
+                raise InputError("the priors", f"{part}.{name}", "not a parameter of this model")
     sigmas = np.array(
         [
             0.0 if name in others else prior_sigma(one, given.sigma)

@@ -16,7 +16,8 @@ from sinscal.library import RigLibrary, rig_library
 from sinscal.library.angle import MOUNT
 from sinscal.library.groups import Group
 from sinscal.library.jump import DRIFTS, JUMPS
-from sinscal.model.sensors import Motion, SensorModel, as_vector, sensor_model
+from sinscal.model.motion import Motion
+from sinscal.model.sensors import SensorModel, as_vector, sensor_model
 
 # Share of a passing change that a constant error has reached when the run is over.
 REACHED = {**dict.fromkeys(JUMPS, 1.0), **{one.name: 0.5 for one in DRIFTS}}
@@ -86,9 +87,9 @@ class Calibration:
         known = set(flying_sensors().names)
         unknown = [name for name in self.names if name not in known]
         if unknown:
-            raise ValueError(f"{unknown[0]} is no parameter of a gyro or an accelerometer")
+            raise ValueError(f"{unknown[0]} is not a parameter of a gyro or an accelerometer")
         if len(set(self.names)) != m:
-            raise ValueError("a parameter stands twice among the names")
+            raise ValueError("a parameter is listed twice among the names")
         if m == 0 or self.cov.shape != (m, m):
             raise ValueError(f"the covariance has shape {self.cov.shape}, expected ({m}, {m})")
         if not np.isfinite(self.cov).all() or np.diag(self.cov).min() < 0.0:

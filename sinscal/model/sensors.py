@@ -14,7 +14,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from errormodel.arrays import FloatArray, IntArray, freeze, readonly
+from errormodel.arrays import FloatArray
 from errormodel.columns import derivative
 from errormodel.constants import T_REF_C
 from errormodel.model import ErrorModel
@@ -24,7 +24,8 @@ from sinscal.frames.earth import STANDARD_G
 from sinscal.library import BASIC, rig_library
 from sinscal.library.angle import TIME_OFFSET
 from sinscal.library.groups import ANGLE, CHANNELS, TEMPERATURES, ChannelId, Group
-from sinscal.recording.run import AXES, rate_derivative
+from sinscal.model.motion import Motion, moved_to
+from sinscal.recording.run import AXES
 
 # A chamber's terms see temperature smoothed as in the chamber; a rig's temperature is smooth.
 RATE_WINDOW_S = 120.0
@@ -38,52 +39,8 @@ LEFT_WEIGHTS = np.array([100.0, 100.0, 100.0, 1.0, 1.0, 1.0])  # rates are to be
 TRIAL_RATE_RAD_S = 1e-3
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Motion:
-    """Motion that acts on the sensors over n steps of one cycle.
-
-    Attributes
-    ----------
-    time_s, step_s : ndarray, shape (n,)
-        Ends and lengths of the steps, from the start of the cycle.
-    w : ndarray, shape (n, 3)
-        Mean rate of the body against inertial space, rad/s.
-    f : ndarray, shape (n, 3)
-        Mean specific force, m/s².
-    dw : ndarray, shape (n, 3)
-        Mean derivative of the rate, rad/s².
-    temp_c : ndarray, shape (n, 3), optional
-        Temperatures of the accelerometers; a gyro is taken to be as warm as that of its axis.
-    begin_s : float
-        When the cycle began, from the start of the run.
-    """
-
-    time_s: FloatArray
-    step_s: FloatArray
-    w: FloatArray
-    f: FloatArray
-    dw: FloatArray
-    temp_c: FloatArray | None = None
-    begin_s: float = 0.0
-
-    def __post_init__(self) -> None:
-        names = ("time_s", "step_s", "w", "f", "dw")
-        freeze(self, **{name: readonly(getattr(self, name)) for name in names})
-
-    def __len__(self) -> int:
-        return self.time_s.size
-
-    def take(self, rows: IntArray | slice) -> "Motion":
-        """Return some of the steps, each as it was."""
-        return replace(
-            self,
-            **{name: getattr(self, name)[rows] for name in ("time_s", "step_s", "w", "f", "dw")},
-            temp_c=None if self.temp_c is None else self.temp_c[rows],
-        )
-
-
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Channel:
+class SensorChannel:
     """One sensor: which, its model, and how many SI units the model's unit is."""
 
     id: ChannelId
@@ -97,14 +54,14 @@ class SensorModel:
 
     Attributes
     ----------
-    channels : tuple of Channel
+    channels : tuple of SensorChannel
     t_ref_c : float
         Reference temperature of all terms, °C.
     gravity_m_s2 : float
         The g of models that count in it.
     """
 
-    channels: tuple[Channel, ...]
+    channels: tuple[SensorChannel, ...]
     t_ref_c: float = T_REF_C
     gravity_m_s2: float = STANDARD_G
 
@@ -152,7 +109,8 @@ class SensorModel:
         """Return the sensors with another model of accelerometer `axis`."""
         wanted = ChannelId(kind="accel", axis=axis)
         changed = [
-            Channel(id=c.id, model=model, unit=unit) if c.id == wanted else c for c in self.channels
+            SensorChannel(id=c.id, model=model, unit=unit) if c.id == wanted else c
+            for c in self.channels
         ]
         return replace(self, channels=tuple(changed))
 
@@ -178,7 +136,7 @@ class SensorModel:
         inverse, offset = self.at_rest(motion, values)
         measured = np.array([*motion.w.T, *motion.f.T])
         now = inverse @ (measured - offset[:, None])
-        true = _moved_to(motion, now)
+        true = moved_to(motion, now)
         before = 0.0
         for _ in range(INVERSE_STEPS):
             left = measured - now - self.errors(true, values).T
@@ -186,7 +144,7 @@ class SensorModel:
             if size < LEFT:
                 break
             now = now + inverse @ left
-            true = _moved_to(motion, now)
+            true = moved_to(motion, now)
             if before and size * size / before < LEFT:
                 break
             before = size
@@ -257,7 +215,7 @@ class SensorModel:
         slope[:, :3] /= TRIAL_RATE_RAD_S
         return cast(FloatArray, np.linalg.inv(np.eye(6) + slope)), errors[0]
 
-    def _records(self, motion: Motion) -> Iterator[tuple[Channel, Record]]:
+    def _records(self, motion: Motion) -> Iterator[tuple[SensorChannel, Record]]:
         """Yield the six sensors' channels, each with what acts on it."""
         signals = {f"w_{a}": motion.w[:, j] for j, a in enumerate(AXES)}
         signals |= {f"f_{a}": motion.f[:, j] for j, a in enumerate(AXES)}
@@ -267,7 +225,7 @@ class SensorModel:
             own = self._own_signals(motion, c)
             yield c, (shared.with_signals(**own) if own else shared)
 
-    def _own_signals(self, motion: Motion, channel: Channel) -> dict[str, FloatArray]:
+    def _own_signals(self, motion: Motion, channel: SensorChannel) -> dict[str, FloatArray]:
         own: dict[str, FloatArray] = {}
         axis = channel.id.axis
         i, p, o = (axis + np.arange(3)) % 3
@@ -282,12 +240,6 @@ class SensorModel:
             if "rate_c_per_min" in channel.model.needs:
                 own["rate_c_per_min"] = _slope(motion.time_s, x) * 60.0
         return own
-
-
-def _moved_to(motion: Motion, rows: FloatArray) -> Motion:
-    """Return a motion with other rates and forces, shape (6, n)."""
-    w = rows[:3].T
-    return replace(motion, w=w, f=rows[3:].T, dw=rate_derivative(w, motion.step_s))
 
 
 def ends_of(values: FloatArray, at_start: NDArray[np.bool_]) -> FloatArray:
@@ -325,8 +277,12 @@ def sensor_model(
         If there is no such group.
     """
     terms_of = rig_library().terms_of
-    made = [Channel(id=c, model=ErrorModel(terms_of(c, groups, more), c.input)) for c in CHANNELS]
-    made.append(Channel(id=ANGLE, model=ErrorModel(terms_of(ANGLE, groups, more), "angle_rad")))
+    made = [
+        SensorChannel(id=c, model=ErrorModel(terms_of(c, groups, more), c.input)) for c in CHANNELS
+    ]
+    made.append(
+        SensorChannel(id=ANGLE, model=ErrorModel(terms_of(ANGLE, groups, more), "angle_rad"))
+    )
     return SensorModel(channels=tuple(made), t_ref_c=t_ref_c, gravity_m_s2=gravity_m_s2)
 
 

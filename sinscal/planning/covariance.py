@@ -77,7 +77,7 @@ class RigCovariance:
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Linearised:
+class LinearisedFilter:
     """The filter of a programme, ready to run.
 
     Attributes
@@ -136,7 +136,7 @@ def linearise(
     *,
     angle: bool,
     warming: Warming | None = None,
-) -> Linearised:
+) -> LinearisedFilter:
     """Linearise a programme's calibration about its truth; parameters as of `rig_covariance`."""
     true = rig_motion(programme, _rate_hz(programme))
     cycles = tuple(_cycle(true, k, warming) for k in range(len(true.cycles)))
@@ -145,11 +145,11 @@ def linearise(
     layout = rig.layout(angle=angle)
     nominal = _true_nominal(true, sensors)
     steps = make_steps(cycles, sensors, nominal, layout, noise, true.site.gravity_m_s2)
-    return Linearised(rig=rig, layout=layout, nominal=nominal, steps=steps)
+    return LinearisedFilter(rig=rig, layout=layout, nominal=nominal, steps=steps)
 
 
 def solve(
-    made: Linearised,
+    made: LinearisedFilter,
     *,
     azimuth_sigma_rad: float | None = None,
     carry: bool = False,
@@ -159,7 +159,7 @@ def solve(
 
     Parameters
     ----------
-    made : Linearised
+    made : LinearisedFilter
     azimuth_sigma_rad, carry
         As of `rig_covariance`.
     one_base : bool

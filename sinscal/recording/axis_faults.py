@@ -46,7 +46,7 @@ def force_name(ratio: float, g_m_s2: float, step_s: float) -> str:
 def _nearest(value: float, known: dict[str, float]) -> str:
     off = {text: abs(float(np.log(value / one))) for text, one in known.items()}
     near = [text for text in sorted(off, key=lambda name: off[name]) if off[text] < np.log(RATIO)]
-    return ", or ".join(near) or "no unit is known that explains it"
+    return ", or ".join(near) or "no known unit explains it"
 
 
 def permutation_of(matrix: FloatArray, known: tuple[bool, ...]) -> FloatArray | None:

@@ -106,8 +106,8 @@ def _check_map(run: RigRun, found: GravityMap, warnings: list[str]) -> None:
     known = np.flatnonzero(found.known)
     if found.unexplained > UNEXPLAINED:
         warnings.append(
-            f"gravity_unexplained: {found.unexplained:.0%} of what gravity turns from span to span "
-            "is not in the gyros' readings, whatever their scale, sign or order"
+            f"gravity_unexplained: {found.unexplained:.0%} of the rotation of gravity does not "
+            f"appear in the gyro readings with any scale, sign or order"
         )
     if not known.size:
         return
@@ -118,9 +118,11 @@ def _check_map(run: RigRun, found: GravityMap, warnings: list[str]) -> None:
         return
     said = _names_of_fault(matrix, found.known, float(np.median(run.step_s)))
     if np.any(sure & (off > MAP_WRONG)):
-        raise InputError(run.source, "gyro", f"the gyros do not turn gravity as it turns: {said}")
+        raise InputError(
+            run.source, "gyro", f"the gyros do not agree with the rotation of gravity: {said}"
+        )
     warnings.append(
-        f"gravity_map: turned by the gyros, gravity misses the accelerometers' by up to "
+        f"gravity_map: gravity rotated by the gyros differs from the accelerometers by up to "
         f"{float(off[sure].max()):.0%}: {said}"
     )
 
@@ -138,11 +140,11 @@ def _names_of_fault(matrix: FloatArray, known: tuple[bool, ...], step_s: float) 
         parts.append(f"readings need a factor of {factor:.4g}; {factor_name(factor, step_s)}")
     permutation = permutation_of(matrix, known)
     if permutation is None:
-        parts.append("the triads are turned against each other, or one is not a triad")
+        parts.append("the triads are rotated against each other, or one is not a triad")
     else:
         names = fault_names(permutation, known)
         if names != [""]:
-            parts.append("swapped_axes: most simply " + ", or ".join(names[:3]))
+            parts.append("swapped_axes: simplest explanation: " + ", or ".join(names[:3]))
     return "; ".join(parts) or "no swap, sign or unit explains it"
 
 

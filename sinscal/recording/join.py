@@ -9,7 +9,7 @@ from errormodel.errors import InputError
 from sinscal.recording.run import RigRun
 
 
-def join_runs(runs: Sequence[RigRun]) -> RigRun:
+def join_rig_runs(runs: Sequence[RigRun]) -> RigRun:
     """Put runs together.
 
     Raises

@@ -188,10 +188,10 @@ def _without_wild(raw: RawTable, rows: _Rows, quantum: Quantum, warnings: list[s
     either = np.asarray(np.hstack([*found.values()]).any(axis=1))
     if not either.any():
         return rows
-    refuse_many(raw, either, rows.cycle, rows.row, "a reading that stands alone")
+    refuse_many(raw, either, rows.cycle, rows.row, "an isolated reading")
     which = [sensors_of(bad, kind) for kind, bad in found.items() if bad.any()]
     warnings.append(
-        f"wild_readings: straight lines in place of readings that stand alone in "
+        f"wild_readings: isolated readings replaced by straight lines in "
         f"{int(either.sum())} row(s) ({', '.join(which)}), from "
         f"{raw.place(int(rows.row[np.argmax(either)]))}"
     )

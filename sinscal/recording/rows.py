@@ -36,8 +36,8 @@ def refuse_impossible(raw: RawTable) -> None:
             raise fail(
                 raw,
                 row,
-                f"{name} {values[row]:g}, expected {LARGEST:g} at most; where an instrument tells "
-                "an overload so, leave the cell empty",
+                f"{name} {values[row]:g}, expected {LARGEST:g} at most; if this value means an "
+                f"overload, leave the cell empty",
             )
 
 
@@ -68,7 +68,7 @@ def cycles_of(raw: RawTable) -> IntArray:
     for row in starts.tolist():
         if values[row] in seen:
             raise fail(
-                raw, row, f"cycle {values[row]:g} again, expected its rows to stand together"
+                raw, row, f"cycle {values[row]:g} again, expected its rows to be consecutive"
             )
         seen.add(float(values[row]))
     return np.cumsum(np.isin(np.arange(values.size), starts)).astype(np.intp) - 1

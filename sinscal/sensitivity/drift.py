@@ -80,18 +80,18 @@ class Drift:
         unit, size, sensors = _OF_KIND[self.kind]
         return (
             f"the constant errors of the {sensors} drift slowly; {WORDS[self.family]} of about "
-            f"{self.sigma / size:.2g} {unit} over {self.tau_s:.0f} s is the most probable course"
+            f"{self.sigma / size:.2g} {unit} over {self.tau_s:.0f} s is the most probable form"
         )
 
     @property
     def warning(self) -> str:
         """Warning of a calibration about the drift."""
         if self.shown:
-            return f"drift_estimated: {self.sentence}; it is estimated, and the sigmas carry it"
+            return f"drift_estimated: {self.sentence}; it is estimated and included in the sigmas"
         unit, size, sensors = _OF_KIND[self.kind]
         return (
-            f"drift_allowed: beside the drift that was found, one of the {sensors} of about "
-            f"{self.sigma / size:.2g} {unit} would not show; the sigmas carry it"
+            f"drift_allowed: beside this drift, a drift of the {sensors} of about "
+            f"{self.sigma / size:.2g} {unit} would not be visible; it is included in the sigmas"
         )
 
 

@@ -24,7 +24,7 @@ from errormodel.linear import independent
 from errormodel.noise.model import NoiseModel
 from errormodel.noise.whitening import TimeBase
 from errormodel.terms import Description
-from sinscal.calibration.consistency import ALONG, FORCES, Rows, rows_of_rig
+from sinscal.calibration.consistency import ALONG, FORCES, MeasurementRows, rows_of_rig
 from sinscal.calibration.rig import RigCalibration
 from sinscal.filter.data import CycleData
 from sinscal.filter.steps import make_steps
@@ -96,7 +96,7 @@ class FilterProblem:
         return np.nonzero(self.kept)[1]
 
     @property
-    def rows(self) -> Rows:
+    def rows(self) -> MeasurementRows:
         """The rows of measurements: their names, and which of them hold white noise."""
         return rows_of_rig(self.found.steps.h.shape[1])
 

@@ -15,7 +15,7 @@ from scipy.stats import chi2
 
 from errormodel.arrays import FloatArray
 from errormodel.discrepancy.problem import Theta
-from errormodel.filter.gains import followed
+from errormodel.filter.gains import candidate_responses
 from errormodel.linear import independent
 from sinscal.calibration.effect_tests import EffectTest, EffectTests
 from sinscal.calibration.rig import RigCalibration
@@ -106,7 +106,7 @@ def in_model(effect: RigEffect, found: RigCalibration) -> bool:
     return effect.drift is None  # the mounting
 
 
-def missing_effects(run: RigRun, found: RigCalibration) -> tuple[RigEffect, ...]:
+def effects_not_in_model(run: RigRun, found: RigCalibration) -> tuple[RigEffect, ...]:
     """Return the library's effects that a calibration's model lacks and its run could show."""
     angle = found.layout.angle
     lacking = (e for e in rig_library().by_name.values() if not in_model(e, found))
@@ -130,7 +130,7 @@ def effect_views(
     given : mapping of str to float, optional
         Sigmas expected beforehand by group or name instead of the usual ones, SI.
     """
-    effects = missing_effects(run, found)
+    effects = effects_not_in_model(run, found)
     problem = FilterProblem(run, found, cycles, effects)
     bearing = independent(problem.bearing())
     residual = problem.residual - bearing @ (bearing.T @ problem.residual)
@@ -139,7 +139,7 @@ def effect_views(
 
     def viewed(effect: RigEffect, theta: Theta, names: list[str], size: FloatArray,
                h: FloatArray, phi: FloatArray) -> EffectView:  # fmt: skip
-        seen, left = followed(problem.steps, problem.gains, h * size, phi * size)
+        seen, left = candidate_responses(problem.steps, problem.gains, h * size, phi * size)
         columns = seen[problem.kept] / sigma[:, None]
         columns -= bearing @ (bearing.T @ columns)
         strengths, axes = np.linalg.eigh(columns.T @ columns)

@@ -283,7 +283,7 @@ def what_is_missing(intervals: RestIntervals, needed: int) -> str:
     elif share < 0.1 and not intervals.too_short:
         noise = ", ".join(f"{v:.3g}" for v in intervals.noise)
         parts.append(
-            f"it is hardly ever as quiet as its quietest half seconds (noise {noise}): "
-            "put it down rather than hold it in the hand"
+            f"the recording is hardly ever as quiet as its quietest half seconds (noise "
+            f"{noise}): place it on a support instead of holding it by hand"
         )
     return "; ".join(parts)

@@ -104,7 +104,8 @@ def start_values(
         raise InputError(
             source,
             "",
-            "the readings at rest lie on no ellipsoid, expected positions with each axis up, down "
+            "the readings at rest do not lie on an ellipsoid, expected positions with each axis "
+            "up, down "
             "and between",
         ) from None
     matrix = (upper if gauge == "upper" else upper[::-1, ::-1]) * gravity_m_s2 / size

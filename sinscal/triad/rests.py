@@ -195,7 +195,8 @@ def calibrate_at_rest(
         raise InputError(rests.source, "", missing)
     if rests.mean_sigma == 0 and len(found) == needed:
         problem = (
-            f"{needed} means for {needed} unknowns: nothing tells their sigma, expected it given"
+            f"{needed} means for {needed} unknowns: their sigma cannot be estimated, give it "
+            f"with --sigma"
         )
         raise InputError(rests.source, "", problem)
     temp_c = None
@@ -230,7 +231,7 @@ def calibrate_at_rest(
 
 
 def _doubtful(source: str, doubt: str) -> InputError:
-    return InputError(source, "", f"{doubt} (--trust-units takes them as stated)")
+    return InputError(source, "", f"{doubt} (--trust-units accepts them as stated)")
 
 
 def _intervals(rests: Rests) -> tuple[RestIntervals, IntArray]:
@@ -242,7 +243,7 @@ def _intervals(rests: Rests) -> tuple[RestIntervals, IntArray]:
     for column in values.T:  # the median of its neighbours stands in for a reading left out
         none = np.abs(column) >= OVERLOAD
         if none.all():
-            raise InputError(rests.source, "", "a column holds no reading but overloads")
+            raise InputError(rests.source, "", "a column has only overloads")
         column[none] = np.median(column[~none])
         bad = none | stray_values(column, smallest_step(column))
         column[bad] = running_median(column, max(HALF_WINDOWS))[bad]

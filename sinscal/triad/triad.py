@@ -38,7 +38,7 @@ ITERATIONS = 50
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class LeftOut:
+class LeftOutPosition:
     """A position that does not fit the others: which one, its |f| − g, and in how many sigmas."""
 
     position: int
@@ -71,7 +71,7 @@ class TriadFit:
         Of the fit with the noise of the rows alone.
     singular_values : ndarray
         Of the equations with each column scaled to one.
-    left_out : tuple of LeftOut
+    left_out : tuple of LeftOutPosition
     t_ref_c : float, optional
     """
 
@@ -87,7 +87,7 @@ class TriadFit:
     chi2: float
     dof: int
     singular_values: FloatArray
-    left_out: tuple[LeftOut, ...]
+    left_out: tuple[LeftOutPosition, ...]
     t_ref_c: float | None = None
 
     def __post_init__(self) -> None:
@@ -166,7 +166,7 @@ def fit_triad(
     values = start_values(means, gravity_m_s2, gauge, source)
     values = np.concatenate([values, np.zeros(len(names) - values.size)])
     used: IntArray = np.arange(means.shape[0], dtype=np.intp)
-    left_out: list[LeftOut] = []
+    left_out: list[LeftOutPosition] = []
     while True:
         values, pose = problem.solve(values, used, source)
         worst = _worst(problem, values, pose, used)
@@ -219,7 +219,9 @@ class _Problem:
             scale = np.linalg.norm(jacobian * weight[:, None], axis=0)
             if k > 2 and float(np.max(np.abs(step) * scale)) < 1e-6:
                 return values, float(np.sqrt(pose2))
-        raise InputError(source, "", f"the triad's fit does not settle in {ITERATIONS} steps")
+        raise InputError(
+            source, "", f"the fit of the triad does not converge in {ITERATIONS} steps"
+        )
 
 
 def paule_mandel(residual: FloatArray, within2: FloatArray, dof: int) -> float:
@@ -247,11 +249,15 @@ def _check_separable(scaled: FloatArray, names: tuple[str, ...], source: str) ->
     weak = vt[s < CONDITION * s[0]]
     if weak.size:
         groups = [[names[k] for k in np.flatnonzero(np.abs(v) > 0.3)] for v in weak]
-        raise NotSeparableError(groups, f"{source}: the positions (more of them, turned otherwise)")
+        raise NotSeparableError(
+            groups, f"{source}: the positions (more of them, in other orientations)"
+        )
     return s
 
 
-def _worst(problem: _Problem, values: FloatArray, pose: float, used: IntArray) -> LeftOut | None:
+def _worst(
+    problem: _Problem, values: FloatArray, pose: float, used: IntArray
+) -> LeftOutPosition | None:
     """Return the position that stands out: its residual against a fit without it."""
     dof = used.size - len(problem.names)
     if dof < 2:
@@ -269,7 +275,9 @@ def _worst(problem: _Problem, values: FloatArray, pose: float, used: IntArray) -
     limit = float(stats.t.isf(OUTLIER_RISK / (2 * used.size), dof - 1))
     if t[k] < limit:
         return None
-    return LeftOut(position=int(used[k]), residual_m_s2=float(residual[k]), sigmas=float(t[k]))
+    return LeftOutPosition(
+        position=int(used[k]), residual_m_s2=float(residual[k]), sigmas=float(t[k])
+    )
 
 
 def _result(
@@ -277,7 +285,7 @@ def _result(
     values: FloatArray,
     pose: float,
     used: IntArray,
-    left_out: list[LeftOut],
+    left_out: list[LeftOutPosition],
     t_ref_c: float | None,
     source: str,
 ) -> TriadFit:

@@ -15,7 +15,7 @@ import numpy as np
 from errormodel.arrays import FloatArray, IntArray, freeze, readonly, readonly_int
 from sinscal.frames.attitude import rotation, skew
 from sinscal.frames.earth import Site
-from sinscal.model.sensors import Motion
+from sinscal.model.motion import Motion
 from sinscal.recording.run import AXES
 from sinscal.twin.programme import AngleLaw, Cycle, Programme, angle_law
 

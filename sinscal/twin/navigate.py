@@ -78,7 +78,7 @@ def _steps_an_output(step_s: FloatArray, output_step_s: float) -> int:
     every = round(output_step_s / step)
     if every < 1 or abs(every * step / output_step_s - 1.0) > EVEN:
         raise ValueError(
-            f"an output every {output_step_s:g} s is no whole number of steps of {step:g} s"
+            f"an output every {output_step_s:g} s is not a whole number of steps of {step:g} s"
         )
     return every
 

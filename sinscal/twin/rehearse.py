@@ -79,7 +79,7 @@ def groups_of(values: Mapping[str, float], source: str) -> tuple[str, ...]:
         try:
             groups[rig_library().parameter(name).family] = None
         except KeyError:
-            raise InputError(source, name, "is no error of a sensor or an angle") from None
+            raise InputError(source, name, "is not an error of a sensor or an angle") from None
     return tuple(groups)
 
 
@@ -114,7 +114,7 @@ def rehearse(
     if accelerometers:
         sensors, values = _mounted(sensors, values, accelerometers, file, source)
     if unknown := [name for name in values if name not in sensors.names]:
-        raise InputError(source, unknown[0], "is no error of a sensor or an angle")
+        raise InputError(source, unknown[0], "is not an error of a sensor or an angle")
     try:
         true = rig_motion(file, file.recording.rate_hz, file.faults.faults)
     except ValueError as err:

@@ -9,8 +9,9 @@ from scipy.signal import lfilter
 
 from errormodel.arrays import FloatArray
 from errormodel.noise.model import NoiseModel
+from sinscal.model.motion import Motion
 from sinscal.model.noise import SensorNoise
-from sinscal.model.sensors import Motion, SensorModel, as_vector
+from sinscal.model.sensors import SensorModel, as_vector
 from sinscal.recording.run import Quantum, RigFacts, RigRun
 from sinscal.twin.motion import CycleMotion, RigFaults, RigMotion
 
@@ -57,7 +58,7 @@ def simulate_rig(
     warming : callable, optional
         Temperatures (n, 3) over time, °C.
     with_angle : bool
-        Whether the rig's angle is recorded.
+        Record the rig's angle.
 
     Returns
     -------

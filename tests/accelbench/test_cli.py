@@ -170,7 +170,7 @@ def test_what_a_help_says_of_a_default_is_what_the_work_takes():
     from accelbench.commands.rig_triad import command as triad
     from accelbench.commands.run_in import command as runin
     from sinscal.triad.rests import Unit
-    from thermo.run_in.verdict import WINDOW
+    from thermo.run_in.judge import WINDOW
 
     assert runin.WINDOW == WINDOW
     assert get_args(Unit) == triad.UNITS

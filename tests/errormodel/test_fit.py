@@ -5,8 +5,10 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy import stats
 
+from benchmarks.fit_many import fit_many
+from errormodel.covariance import expected_covariance
 from errormodel.errors import NotSeparableError
-from errormodel.fit import expected_covariance, fit, fit_many
+from errormodel.fit import fit
 from errormodel.model import ErrorModel
 from errormodel.noise.model import NoiseModel
 from errormodel.record import Record
@@ -38,12 +40,13 @@ def test_a_model_linear_in_its_unknowns_is_plain_least_squares(record) -> None:
     assert_allclose(result.cov, np.linalg.inv(columns.T @ columns), rtol=1e-9)
 
 
+@pytest.mark.parametrize("seeds", [15, pytest.param(50, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("weighting", ["equal", "noise"])
 @pytest.mark.parametrize("noise", [WHITE, DRIFT], ids=["white", "drift"])
-def test_truth_lies_within_the_stated_sigmas(model, record, truth, noise, weighting) -> None:
+def test_truth_lies_within_the_stated_sigmas(model, record, truth, noise, weighting, seeds) -> None:
     clean = model.simulate(record, truth)
     expected = np.array([truth[c.name] for c in model.coefficients])
-    total, seeds = 0.0, 50
+    total = 0.0
     for seed in range(seeds):
         y = clean + sampled(noise, record, np.random.default_rng(seed))
         result = fit(model, measured(record, y), weighting=weighting)

@@ -21,7 +21,7 @@ from thermo.fitting.fit import TermsFile, fit_runs, read_terms
 from thermo.launch.real import load_station
 from thermo.planning.sequence import load_sequence
 from thermo.recording.files import make_runs, read_runs
-from thermo.recording.foreign import import_log
+from thermo.recording.foreign.read import import_log
 
 ROOT = Path(__file__).parents[2]
 

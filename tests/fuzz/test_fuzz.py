@@ -19,7 +19,7 @@ ALL_TOGETHER = 2_100
 def _no_log(monkeypatch):
     """A failure's report would drown in the warnings about unknown columns."""
     monkeypatch.setattr(logging.getLogger("errormodel.io.tables"), "disabled", True)
-    monkeypatch.setattr(logging.getLogger("thermo.recording.foreign"), "disabled", True)
+    monkeypatch.setattr(logging.getLogger("thermo.recording.foreign.read"), "disabled", True)
 
 
 def contents(folder: Path) -> dict[str, bytes]:

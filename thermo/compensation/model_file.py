@@ -99,7 +99,7 @@ class AccelerometerModel(Part):
         if set(self.coefficients) != set(expected) or tuple(self.names) != expected:
             raise ValueError(f"coefficients and names must be those of the terms: {expected}")
         if np.shape(self.covariance) != (len(expected), len(expected)):
-            raise ValueError("covariance must be square, one row a name")
+            raise ValueError("covariance must be square, one row per name")
         if not self.nominal_scale or not self.valid_c[0] <= self.valid_c[1]:
             raise ValueError("nominal_scale must not be 0, valid_c must be [low, high]")
         return self
@@ -146,7 +146,7 @@ class ModelFile(Part):
     def _check(self) -> "ModelFile":
         serials = [a.serial for a in self.accelerometers]
         if len(set(serials)) != len(serials):
-            raise ValueError("a serial number stands twice")
+            raise ValueError("a serial number is listed twice")
         return self
 
     def of(self, serial: str) -> AccelerometerModel:

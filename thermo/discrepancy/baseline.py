@@ -15,7 +15,7 @@ def fitted_baseline(channel: Channel) -> ErrorModel:
 
 
 def bare_baseline(channel: Channel) -> ErrorModel:
-    """Return k0 and, with a known input, k1, each quadratic in temperature if it can be had."""
+    """Return k0 and, with a known input, k1, quadratic in temperature if determined."""
     names, _ = separable_names(channel)
     top = {f: next(k for k in (2, 1, 0) if k == 0 or f"{f}_t{k}" in names) for f in ("k0", "k1")}
     static = [n for n in ("k1", "k0") if n in names]

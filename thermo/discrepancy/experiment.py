@@ -1,10 +1,12 @@
-"""The experiment that would settle what is open, chosen from a menu by what it tells apart.
+"""Selection of the experiment that separates the open candidates best.
 
 T-optimality: the measured effect is simulated in each experiment, and every rival is fitted to it;
-the experiment counts with the whitened distance that the best rival leaves. What these runs cannot
-show at all is proposed by how strongly the experiment would show it.
+the criterion is the whitened distance of the best rival. For effects that these runs cannot show,
+the criterion is the strength with which the experiment would show them.
 """
 
+import math
+from collections.abc import Mapping
 from collections.abc import Sequence as Many
 from dataclasses import dataclass, replace
 
@@ -18,8 +20,9 @@ from errormodel.discrepancy.search.pairs import POINTS
 from errormodel.discrepancy.search.state import SearchState
 from errormodel.errors import InputError
 from errormodel.noise.model import NoiseFit
-from thermo.discrepancy.experiment_menu import Item, menu
-from thermo.discrepancy.source import Fitted, ThermalSource
+from thermo.discrepancy.experiment_menu import NO_LIMITS, Item, Limits, menu
+from thermo.discrepancy.problem.refit import Fitted
+from thermo.discrepancy.problem.source import ThermalSource
 from thermo.planning.default_station import default_station
 from thermo.planning.foresight import followed_by, planned_channel
 from thermo.planning.plan import Plan, make_plan
@@ -28,21 +31,21 @@ from thermo.recording.channel import Channel
 from thermo.selection.orders import mounted
 
 RIVALS = 4
-# A rival this many sigma away is told apart in all but one case in a thousand.
+# A rival at this distance in sigmas is separated in all but one case in a thousand.
 CLEAR_D = 10.0
-# This many sigma away in expectation, a rival is still within an alias set in one case in twenty.
+# At this expected distance in sigmas, a rival is still in an alias set in one case in twenty.
 SETTLED_D = 5.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Experiment:
-    """An experiment proposed.
+    """A proposed experiment.
 
     Attributes
     ----------
     text : str
     separates : tuple of str
-        The effects it tells apart, or shows.
+        The effects that it separates, or shows.
     d_before, d_after : float or None
         Whitened distance of the nearest rival in these runs, and expected with the experiment.
     hours : float or None
@@ -57,12 +60,12 @@ class Experiment:
     sequence: Sequence | None
 
     def toml(self) -> str:
-        """Return the sequence file that `run` takes, what it is for in its head.
+        """Return the sequence file for `run`, with its purpose in the heading.
 
         Raises
         ------
         ValueError
-            If the experiment is told in words only.
+            If the experiment is described in words only.
         """
         if self.sequence is None:
             raise ValueError("this experiment has no sequence")
@@ -77,8 +80,9 @@ def propose(
     verdict: Judgement,
     invisible: tuple[str, ...],
     floor: NoiseFit,
+    limits: Limits = NO_LIMITS,
 ) -> Experiment | None:
-    """Propose what would tell an alias set apart, or show what these runs cannot.
+    """Propose an experiment that separates an alias set, or shows invisible effects.
 
     Parameters
     ----------
@@ -87,6 +91,8 @@ def propose(
     verdict : Judgement
     invisible : tuple of str
     floor : NoiseFit
+    limits : Limits
+        What the laboratory can do.
 
     Returns
     -------
@@ -96,21 +102,30 @@ def propose(
     if verdict.verdict in ("named", "alias"):
         for slot in result.slots:
             if len(slot.alias) > 1:
-                return propose_separation(source, floor, slot.choice, slot.alias)
+                return propose_separation(
+                    source, floor, slot.choice, slot.alias, slot.weights, limits
+                )
         if source.seen.runs == 1:
             rivals = tuple(n for n, _ in result.slots[0].rivals[:RIVALS])
-            made = propose_separation(source, floor, result.slots[0].choice, rivals)
+            first = result.slots[0]
+            made = propose_separation(source, floor, first.choice, rivals, first.weights, limits)
             return replace(
                 made,
-                text="one run and one loop do not tell thermal history from drift: " + made.text,
+                text="one run and one loop cannot separate thermal history from drift: "
+                + made.text,
             )
-    return _Experiments(source, floor).showing(invisible) if invisible else None
+    return _Experiments(source, floor, limits).showing(invisible) if invisible else None
 
 
 def propose_separation(
-    source: ThermalSource, floor: NoiseFit, choice: Choice, rivals: Many[str]
+    source: ThermalSource,
+    floor: NoiseFit,
+    choice: Choice,
+    rivals: Many[str],
+    weights: Mapping[str, float] | None = None,
+    limits: Limits = NO_LIMITS,
 ) -> Experiment:
-    """Propose what would tell one effect, at the size it has in these runs, from others.
+    """Propose an experiment that separates one effect, at its size in these runs, from others.
 
     Parameters
     ----------
@@ -118,64 +133,109 @@ def propose_separation(
     floor : NoiseFit
     choice : Choice
     rivals : sequence of str
+    weights : mapping of str to float, optional
+        Posterior weight of each; alike by default.
+    limits : Limits
     """
     found = source.fitted([choice], floor.noise)
-    return _Experiments(source, floor).separating(choice.name, (choice.name, *rivals), found)
+    experiments = _Experiments(source, floor, limits)
+    return experiments.separating(choice.name, (choice.name, *rivals), found, weights or {})
 
 
-def _better(distance: float, plan: Plan, best: "tuple[float, Item, Plan]") -> bool:
-    if min(distance, best[0]) >= CLEAR_D:
-        return plan.total_s < best[2].total_s
-    return distance > best[0]
+@dataclass(frozen=True, slots=True, eq=False)
+class _Outcome:
+    """What an experiment would do: sigma between the effect and each rival, and what it decides.
+
+    `decided` is the share of the rivals' posterior weight that it is expected to take away: two
+    hypotheses d sigma apart are mistaken for each other with a probability below exp(−d²/8)
+    (Chernoff).
+    """
+
+    distances: Mapping[str, float]
+    decided: float
+    item: Item
+    hours: float
+
+    @property
+    def nearest(self) -> float:
+        return min(self.distances.values())
+
+    def rank(self, most: float) -> tuple[int, float]:
+        """Return the order of choice: a clear one by its hours, else what an hour decides."""
+        if self.nearest >= CLEAR_D:
+            return 2, -self.hours
+        worth = self.decided >= 0.5 * most  # of what the best of them decides
+        return int(worth), self.decided / self.hours
 
 
 def _thinned(grid: Many[Theta]) -> Many[Theta]:
-    """Return some points of a grid: enough to see whether one effect imitates another."""
+    """Return some points of a grid: enough to test whether one effect imitates another."""
     return grid[:: max(1, round(len(grid) / POINTS))]
 
 
 class _Experiments:
     """The menu, planned once."""
 
-    def __init__(self, source: ThermalSource, floor: NoiseFit) -> None:
-        self.source, self.floor = source, floor
+    def __init__(self, source: ThermalSource, floor: NoiseFit, limits: Limits) -> None:
+        self.source, self.floor, self.limits = source, floor, limits
         channel = source.channel
         self.t_ref_c = float(channel.temp_c[0] - channel.record["x_c"][0])
 
-    def separating(self, name: str, alias: Many[str], found: Fitted) -> Experiment:
-        """Return the shortest experiment that tells the effect from every rival.
+    def separating(
+        self, name: str, alias: Many[str], found: Fitted, weights: Mapping[str, float]
+    ) -> Experiment:
+        """Return the experiment that decides most an hour between the effect and its rivals.
 
-        Without one that does so clearly, the one that leaves the nearest rival farthest away.
+        The shortest of those that tell it from every rival clearly, where there is one.
         """
-        best: tuple[float, Item, Plan] | None = None
         rivals = [n for n in alias if n != name][:RIVALS]
-        before = self._distance(self._simulated(self.source.channel, found), name, rivals)
-        for item, plan, channel in self._planned():
-            distance = self._distance(self._simulated(channel, found), name, rivals)
-            if best is None or _better(distance, plan, best):
-                best = (distance, item, plan)
-        if best is None:
-            return self._in_words((name, *rivals))
-        distance, item, plan = best
-        text = (
-            f"{item.text}, {plan.total_s / 3600:.0f} h; it leaves {name} {distance:.1f} sigma from "
-            f"its nearest rival of {', '.join(rivals)} (these runs: {before:.1f})"
+        before = min(
+            self._distances(self._simulated(self.source.channel, found), name, rivals).values()
         )
-        if distance < SETTLED_D:
-            text += "; that may well not settle it, and nothing this chamber does tells more"
+        outcomes = [
+            self._outcome(item, plan, self._simulated(channel, found), name, rivals, weights)
+            for item, plan, channel in self._planned()
+        ]
+        if not outcomes:
+            return self._in_words((name, *rivals))
+        most = max(o.decided for o in outcomes)
+        best = max(outcomes, key=lambda o: o.rank(most))
+        text = (
+            f"{best.item.text}, {best.hours:.0f} h; it separates {name} from {', '.join(rivals)}: "
+            f"{best.nearest:.1f} sigma to the nearest of them, {before:.1f} in these runs"
+        )
+        if best.nearest < SETTLED_D:
+            text += (
+                f"; it is expected to decide {best.decided:.0%} of what is open, and nothing "
+                "within these limits decides more an hour"
+            )
         return Experiment(
             text=text,
             separates=(name, *rivals),
             d_before=before,
-            d_after=distance,
-            hours=plan.total_s / 3600,
-            sequence=item.sequence,
+            d_after=best.nearest,
+            hours=best.hours,
+            sequence=best.item.sequence,
         )
 
-    def showing(self, names: Many[str]) -> Experiment | None:
-        """Return the first experiment that shows the most of effects that are invisible here.
+    def _outcome(
+        self,
+        item: Item,
+        plan: Plan,
+        channel: Channel,
+        name: str,
+        rivals: Many[str],
+        weights: Mapping[str, float],
+    ) -> _Outcome:
+        distances = self._distances(channel, name, rivals)
+        own = {n: weights.get(n, 0.0) or 1e-3 for n in rivals}
+        told = sum(own[n] * (1.0 - math.exp(-(d**2) / 8.0)) for n, d in distances.items())
+        return _Outcome(distances, told / sum(own.values()), item, plan.total_s / 3600)
 
-        Among those the one where they are least like any other effect.
+    def showing(self, names: Many[str]) -> Experiment | None:
+        """Return the first experiment that shows the largest number of invisible effects.
+
+        Among equal ones, the one in which they are least similar to other effects.
         """
         best: tuple[tuple[int, float], tuple[str, ...], Item, Plan] | None = None
         for item, plan, channel in self._planned():
@@ -187,7 +247,8 @@ class _Experiments:
             return self._in_words(names)
         _, shown, item, plan = best
         return Experiment(
-            text=f"{item.text}, {plan.total_s / 3600:.0f} h; it shows {', '.join(shown)}",
+            text=f"{item.text}, {plan.total_s / 3600:.0f} h; it shows {', '.join(shown)}, which "
+            "these runs cannot",
             separates=shown,
             d_before=0.0,
             d_after=None,
@@ -209,11 +270,13 @@ class _Experiments:
     def _planned(self) -> list[tuple[Item, Plan, Channel]]:
         """Return the menu's experiments that an emulated station takes, after the runs at hand."""
         made: list[tuple[Item, Plan, Channel]] = []
-        for item in menu(self.source.channel):
+        for item in menu(self.source.channel, self.limits):
             try:
                 plan = make_plan(item.sequence, default_station(item.sequence))
             except InputError:
                 continue  # outside what the station can do
+            if plan.total_s > 3600.0 * self.limits.most_hours:
+                continue
             runs = [plan.run(k + 1) for k in range(plan.runs)]
             turned = item.sequence.accelerometers[0].mount_deg
             planned = planned_channel(runs, self.t_ref_c, turned)
@@ -236,20 +299,25 @@ class _Experiments:
         noise = replace(given, white=given.white / float(np.sqrt(more)), continued=False)
         return View(part.outline(noise), noise)
 
-    def _distance(self, channel: Channel, name: str, rivals: Many[str]) -> float:
-        """Return how far the nearest rival stays from an effect that was simulated.
+    def _distances(self, channel: Channel, name: str, rivals: Many[str]) -> dict[str, float]:
+        """Return how far each rival stays from an effect that was simulated.
 
         A rival's flexible form counts, as in the search.
         """
         view = self._view(channel)
         every = {c.name: c for c in view.problem.candidates}
-        against = [m for n in rivals if n in every for m in (every[n], every[n].flexible) if m]
-        nearest = max((f.gain for f in Prepared(view, against).scan()), default=0.0)
         own = [f.gain for f in Prepared(view, [every[name]]).scan()] if name in every else [0.0]
-        return float(np.sqrt(max(own[0] - nearest, 0.0)))
+        made: dict[str, float] = {}
+        for rival in rivals:
+            forms = (
+                [m for m in (every[rival], every[rival].flexible) if m] if rival in every else []
+            )
+            nearest = max((f.gain for f in Prepared(view, forms).scan()), default=0.0)
+            made[rival] = float(np.sqrt(max(own[0] - nearest, 0.0)))
+        return made
 
     def _apart(self, channel: Channel, names: Many[str]) -> dict[str, float]:
-        """Return the effects that the runs show, and what share of each no other imitates."""
+        """Return the visible effects, and the share of each that no other effect imitates."""
         record = channel.record
         perfect = type(record)(
             time_s=record.time_s, run=record.run, signals=record.signals, output=record["a_i_g"]

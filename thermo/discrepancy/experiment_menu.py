@@ -1,5 +1,7 @@
-"""Experiments that tell effects apart, as sequences that `run` takes."""
+"""Experiments that separate effects, as sequences for `run`."""
 
+import math
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import product
@@ -21,40 +23,81 @@ from thermo.recording.channel import Channel
 EVERY_45 = (0.0, 45.0, 90.0, 135.0, 180.0, 225.0, 270.0, 315.0)
 EVERY_15 = tuple(15.0 * k for k in range(24))
 DWELL_READINGS = 6
-# A cubed input is told from a readout's bend by positions every 15° only, and there by a seventh of
-# its strength: hence three runs. Turned on the head, an accelerometer takes its own errors along
-# and leaves the head's behind: an angle error with two periods a turn is reversed by a quarter turn
-# and in quadrature by half of that. The first is the larger change; where the runs at hand have
-# four positions only, at which that error is zero, it takes the second.
+# Only positions every 15° separate a cubed input from a readout nonlinearity, with a seventh of its
+# strength, so three runs are needed. If an accelerometer is turned on the head, its own errors turn
+# with it and the errors of the head do not. A quarter turn reverses an angle error with two periods
+# per turn; half of that shifts it into quadrature. The first is the larger change. The second is
+# used if the existing runs have only four positions, where that error is zero.
 TURNED_DEG = (45.0, 90.0)
 # A lag of τ behind a bias of slope b is −b·τ·dT/dt + b·τ²·d²T/dt² − …: a rate term in every steady
-# ramp. That b changes with temperature tells little, since a rate term may change with temperature
-# as well. What tells is the second derivative, which lives where ramps turn. A chamber and a case
+# ramp. A change of b with temperature gives little information, since a rate term may change in the
+# same way. The second derivative separates them; it is largest at the reversals of ramps. A chamber
+# and a case
 # of some 75 s each pass ω²·|H(ω)| best at reversals every 4 to 8 minutes; the longer ones leave the
 # rate, a slope over two minutes, right to 2 %.
 FAST_CYCLES = (8, 32)
 REVERSAL_C, REVERSALS = 22.0, (192, 384)
 QUICK_PERIOD_S = 2.0
 SOAK_MIN = 30.0
-# What a bench chamber does without effort, °C and °C/min.
+# Limits of an ordinary bench chamber, °C and °C/min.
 COLDEST_C, HOTTEST_C, SLOWEST, FASTEST = -40.0, 70.0, 0.2, 3.0
 Segment = Hold | Ramp
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Limits:
+    """What a laboratory can do.
+
+    Attributes
+    ----------
+    most_hours : float
+        An experiment is no longer.
+    temperatures_c : (float, float), optional
+        Coldest and hottest; by default those recorded.
+    angles_deg : tuple of float, optional
+        Positions of the head; by default what an experiment asks for.
+    """
+
+    most_hours: float = math.inf
+    temperatures_c: tuple[float, float] | None = None
+    angles_deg: tuple[float, ...] | None = None
+
+
+NO_LIMITS = Limits()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Item:
-    """One experiment of the menu: what it does in words, and the sequence."""
+    """One experiment of the menu: its description and its sequence."""
 
     text: str
     sequence: Sequence
 
 
-def menu(channel: Channel) -> Iterator[Item]:
+def menu(channel: Channel, limits: Limits = NO_LIMITS) -> Iterator[Item]:
     """Yield the experiments that an accelerometer's runs suggest, the shortest kinds first.
 
-    They stay within the temperatures recorded, and within what a bench chamber does.
+    They stay within the temperatures recorded, and within what a bench chamber does, unless the
+    laboratory says what it can do.
     """
-    lo, hi = _range(channel)
+    for item in _every(channel, limits.temperatures_c or _range(channel)):
+        if limits.angles_deg is None:
+            yield item
+            continue
+        at = item.sequence.positions.model_copy(update={"angles_deg": limits.angles_deg})
+        text = _WITH_ANGLES.sub(f"at {_listed(limits.angles_deg)}", item.text)
+        yield Item(text=text, sequence=item.sequence.model_copy(update={"positions": at}))
+
+
+_WITH_ANGLES = re.compile(r"(with )?positions every \d+° in random order")
+
+
+def _listed(angles_deg: tuple[float, ...]) -> str:
+    return ", ".join(f"{a:g}°" for a in angles_deg)
+
+
+def _every(channel: Channel, range_c: tuple[float, float]) -> Iterator[Item]:
+    lo, hi = range_c
     rate = _usual_rate(channel)
     slow, fast = (float(np.clip(rate * f, SLOWEST, FASTEST)) for f in (0.5, 2.0))
     middle, quarter = 0.5 * (lo + hi), lo + 0.25 * (hi - lo)
@@ -107,7 +150,7 @@ def menu(channel: Channel) -> Iterator[Item]:
         *(_ramp(middle, rate), _ramp(hi, rate), _ramp(lo, rate), _hold(SOAK_MIN)),
     ]
     yield Item(
-        text=f"inner loops that turn back half way, at {rate:g} °C/min",
+        text=f"inner loops that reverse half way, at {rate:g} °C/min",
         sequence=_sequence(channel, "inner loops", lo, inner, 1, 0.0),
     )
     yield Item(
@@ -137,7 +180,7 @@ def _hold(minutes: float) -> Hold:
 
 
 def _reversals(channel: Channel, centre_c: float, count: int) -> Sequence:
-    """Return ramps that turn back again and again, read fast at one position."""
+    """Return repeatedly reversed ramps with fast readings at one position."""
     low, high = centre_c - 0.5 * REVERSAL_C, centre_c + 0.5 * REVERSAL_C
     ramps: list[Segment] = [_ramp(to_c, FASTEST) for _ in range(count // 2) for to_c in (high, low)]
     usual = _sequence(channel, "quick reversals", low, ramps, 1, 0.0, angles_deg=(0.0,))

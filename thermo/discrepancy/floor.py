@@ -1,8 +1,8 @@
-"""Residual that noise alone leaves on a run that was not fitted: the floor of a gap.
+"""Residual of noise alone on a held-out run: the floor.
 
-The scale is the data's own: what is left in these runs beside everything that repeats. The noise
-found only says how much of itself a mean of so many columns takes away, and how much more a
-prediction carries (the error of the coefficients, the drift of the run predicted).
+The scale is estimated from the data: the residual of these runs beside everything that repeats. The
+estimated noise model only gives the share that so many columns absorb, and the additional error of
+a prediction (coefficient errors, drift of the predicted run).
 """
 
 from dataclasses import replace
@@ -13,7 +13,8 @@ from errormodel.arrays import FloatArray
 from errormodel.linear import independent
 from errormodel.noise.model import NoiseFit
 from thermo.discrepancy.held_out import reading_residual_ug
-from thermo.discrepancy.source import Fitted, ThermalSource
+from thermo.discrepancy.problem.refit import Fitted
+from thermo.discrepancy.problem.source import ThermalSource
 from thermo.library.effects import foreseen
 
 DRAWS = 80
@@ -34,7 +35,7 @@ def floor_ug(source: ThermalSource, after: Fitted, floor: NoiseFit, saturated: F
     blocks = source.blocks
     weights: FloatArray = blocks.counts / float(np.sum(blocks.counts))
     mean = independent(np.hstack([saturated, after.jacobian]), 1e-5)
-    # where a walk that goes on through the rests had got to is no part of a run's own noise
+    # the level of a walk that continues through the rests is not part of the noise of a run
     own = replace(floor.noise, continued=False)
     white: FloatArray = np.random.default_rng(1).standard_normal((weights.size, DRAWS))
     noise: FloatArray = own.whitener(blocks.times).colour(white)

@@ -1,4 +1,4 @@
-"""Missing effects that a planned test could show, and those it could not tell apart."""
+"""Missing effects that a planned test can show, and those that it cannot separate."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from errormodel.constants import T_REF_C
-from errormodel.discrepancy.foresight import SAME, foresee
+from errormodel.discrepancy.foresight import SAME, foresee_candidates
 from errormodel.discrepancy.scan import View
 from thermo.discrepancy.baseline import bare_baseline
-from thermo.discrepancy.source import ThermalSource
+from thermo.discrepancy.problem.source import ThermalSource
 from thermo.library import thermal_library
 from thermo.library.effects import ThermalEffect
 from thermo.library.passing import MAX_RUNS
@@ -20,14 +20,14 @@ from thermo.twin.planted import plain_accelerometer
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EffectsForeseen:
-    """Effects that a planned test cannot show or tell apart.
+    """Effects that a planned test cannot show or separate.
 
     Attributes
     ----------
     invisible : tuple of str
         Effects that the runs cannot show, whatever their size.
     alike : tuple of (str, str)
-        Pairs of which the one imitates the other to 98 %.
+        Pairs in which one effect imitates the other to 98 %.
     """
 
     invisible: tuple[str, ...]
@@ -37,9 +37,11 @@ class EffectsForeseen:
         """Return the foresight as plain lines for `--dry-run`."""
         lines: list[str] = []
         if self.invisible:
-            lines.append(f"Missing effects it cannot show at all: {', '.join(self.invisible)}.")
-        lines += [f"Missing effects it hardly tells apart: {a} ~ {b}." for a, b in self.alike]
-        return tuple(lines) or ("Every missing effect of the library would show in it.",)
+            lines.append(
+                f"Missing effects that it cannot show at all: {', '.join(self.invisible)}."
+            )
+        lines += [f"Missing effects that it can hardly separate: {a} ~ {b}." for a, b in self.alike]
+        return tuple(lines) or ("It would show every missing effect of the library.",)
 
 
 def foresee_effects(
@@ -54,7 +56,7 @@ def foresee_effects(
     Parameters
     ----------
     runs : sequence of RunPlan
-        The runs that will be searched together; the first twelve of more, the most there can be.
+        The runs that will be searched together; at most the first twelve.
     t_ref_c : float
         Reference temperature, °C.
     mount_deg : float
@@ -73,7 +75,7 @@ def foresee_effects(
     per_block = source.blocks.usual
     noise = replace(ASSUMED_NOISE.scaled(1e6), white=1e6 * ASSUMED_NOISE.white / per_block**0.5)
     view = View(source.outline(noise), noise)
-    found = foresee(view, view.problem.candidates)
+    found = foresee_candidates(view, view.problem.candidates)
     names = [n for n in found.names if n not in found.invisible]
     both = np.minimum(found.imitated, found.imitated.T)
     at = [found.names.index(n) for n in names]

@@ -1,4 +1,4 @@
-"""The gap on runs that the choice of effect has not seen."""
+"""The residual on runs that were not used to select the effect."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -9,11 +9,12 @@ from errormodel.arrays import FloatArray, rms
 from errormodel.discrepancy.search.choices import Choice
 from errormodel.noise.model import NoiseModel
 from errormodel.terms import Term
-from thermo.discrepancy.source import Fitted, ThermalSource
+from thermo.discrepancy.problem.refit import Fitted
+from thermo.discrepancy.problem.source import ThermalSource
 from thermo.library.effects import foreseen
 from thermo.recording.channel import Channel
 
-# Predictions weigh readings alike: the smallest rms, whatever colour the noise is taken to have.
+# Predictions use equal weights, which give the smallest rms for any assumed noise.
 EQUAL = NoiseModel()
 
 
@@ -21,7 +22,7 @@ EQUAL = NoiseModel()
 class RunGap:
     """One run held out: its residual predicted by models fitted to the others, µg rms.
 
-    `names` are the effects that the others alone would have named; `readings` its readings.
+    `names` are the effects that the others alone would have named; `readings` is their number.
     """
 
     run: str
@@ -33,9 +34,9 @@ class RunGap:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeldOut:
-    """The gap on held-out runs, rms over all their readings.
+    """The residual on held-out runs, rms over all their readings.
 
-    `predictive` is False when an effect belongs to one run or moment and cannot be predicted.
+    `predictive` is False if an effect does not repeat and cannot be predicted.
     """
 
     before_ug: float
@@ -100,7 +101,7 @@ def gap_of_all(
 
 
 def _predicted(unseen: Channel, fitted: Fitted) -> FloatArray:
-    """Return the residual of unseen readings; what cannot be predicted is left out."""
+    """Return the residual of held-out readings; unpredictable effects are left out."""
     values = dict(fitted.values)
     for one in fitted.model.terms:
         if isinstance(one, Term) and not foreseen(one):

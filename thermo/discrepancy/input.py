@@ -1,4 +1,4 @@
-"""Checks of an accelerometer's runs before a search; every complaint says what was expected."""
+"""Checks of the runs of an accelerometer before a search."""
 
 import numpy as np
 
@@ -8,11 +8,11 @@ from thermo.library.passing import MAX_RUNS
 from thermo.recording.channel import Channel
 from thermo.recording.units_check import SCALE_RANGE
 
-MOVING_G = 0.1  # an input that moves less says nothing of the scale
+MOVING_G = 0.1  # an input that changes less does not determine the scale
 LEAST_READINGS = 200
-# Fewer in a run tell neither its noise nor what it repeats, and it cannot stand for a run held out.
+# Fewer readings in a run determine neither its noise nor its repeatable part.
 LEAST_IN_RUN = 30
-# Noise alone has a spread of one; chamber ripple that is slower than the readings has more.
+# Noise alone has a ratio of one; chamber ripple slower than the readings has a larger ratio.
 MOVED = 1.5
 
 
@@ -29,7 +29,7 @@ def check_channel(channel: Channel, source: str) -> None:
     ------
     InputError
         If there are too few readings, too many runs or mountings, or they show nothing over
-        temperature. Units and signs are judged where the readings come from
+        temperature. Units and signs are checked when the readings are read
         (`thermo.recording.units_check`).
     """
 
@@ -48,15 +48,15 @@ def check_channel(channel: Channel, source: str) -> None:
         raise refused(f"{runs} runs, at most {MAX_RUNS} expected; give some of them")
     for name, readings in zip(channel.run_ids, record.run_slices, strict=True):
         if np.ptp(record["mounting"][readings]) > 0:
-            raise refused(f"run {name}: a_i_g and a_p_g are not those of position_deg")
+            raise refused(f"run {name}: a_i_g and a_p_g do not agree with position_deg")
     mountings = int(record["mounting"].max()) + 1
     if mountings > MAX_MOUNTINGS:
         raise refused(f"{mountings} mountings, at most {MAX_MOUNTINGS} expected")
     spread_c, noise_c = _temperature(channel)
     if not spread_c > MOVED * noise_c:
         raise refused(
-            f"the temperature does not change beyond its noise of {noise_c:.2g} °C; at one "
-            "temperature `fit` gives the constants"
+            f"the temperature does not change by more than its noise of {noise_c:.2g} °C; for "
+            f"one temperature use `fit`, which gives the constants"
         )
     output = np.asarray(record.output)
     if np.ptp(output) == 0.0:
@@ -64,10 +64,10 @@ def check_channel(channel: Channel, source: str) -> None:
 
 
 def in_own_scale(channel: Channel) -> Channel:
-    """Return a channel in g of what it gives for one, where its nominal scale is far from that.
+    """Return a channel rescaled to its measured output per g, if the nominal scale is far from it.
 
-    Such units are refused where they are read, unless they are to be trusted. All sizes in µg
-    would be wrong by the same factor.
+    Such units are refused at reading unless the user trusts them. Otherwise all sizes in µg would
+    be wrong by the same factor.
     """
     force = channel.record["a_i_g"]
     if not channel.has_input or np.std(force) < MOVING_G:
@@ -79,7 +79,7 @@ def in_own_scale(channel: Channel) -> Channel:
 def _temperature(channel: Channel) -> tuple[float, float]:
     """Return the standard deviation of the temperature, and that of its noise alone, °C.
 
-    The noise is what readings differ by from one to the next (von Neumann's ratio).
+    The noise is computed from the differences of consecutive readings (von Neumann's ratio).
     """
     steps = np.diff(channel.temp_c)[np.diff(channel.record.run) == 0]
     return float(np.std(channel.temp_c)), float(np.sqrt(np.mean(steps**2) / 2.0))

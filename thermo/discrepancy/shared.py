@@ -1,9 +1,8 @@
-"""Effects that several accelerometers shared: alike in all of them, or refuted by one of them.
+"""Effects common to several accelerometers: equal in all of them, or refuted by one of them.
 
 An error of the head, the chamber or the digitiser has the same coefficients in every accelerometer
-that was on it in the same runs. It is fitted beside everything else that was found, once with
-coefficients of each accelerometer's own and once with common ones; the chi-square that the common
-ones lose tells whether they are alike.
+of the same runs. It is fitted beside all other findings, once with separate and once with common
+coefficients. The loss of chi-square with the common coefficients tests whether they are equal.
 """
 
 from collections.abc import Sequence
@@ -18,12 +17,12 @@ from errormodel.discrepancy.scan import NOTHING, Prepared, View
 from errormodel.discrepancy.search.choices import Choice
 from errormodel.discrepancy.search.ranking import residual_of
 from errormodel.discrepancy.search.state import SearchState
-from thermo.discrepancy.source import ThermalSource
+from thermo.discrepancy.problem.source import ThermalSource
 from thermo.library.effects import Cause, ThermalEffect
 
-# Sizes that are alike are taken for unlike once in a thousand times.
+# False-alarm rate of the test for equal sizes.
 ALPHA = 1e-3
-# A step's instant is found to some three block means.
+# The time of a step is determined to some three block means.
 INSTANT_BLOCKS = 3.0
 COMMON: frozenset[Cause] = frozenset({"head", "chamber", "digitiser"})
 
@@ -51,7 +50,7 @@ class SharedEffect:
     serials : tuple of str
         The accelerometers that show it.
     owner : str
-        Whose it is: head, chamber, digitiser, or the run in which it happened.
+        Its cause: head, chamber, digitiser, or the run in which it happened.
     """
 
     effect: str
@@ -61,10 +60,10 @@ class SharedEffect:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Unlike:
-    """A shared owner's effect that is not alike in the accelerometers that shared the owner.
+    """An effect with a shared cause whose size differs between the accelerometers.
 
-    `excess` is the chi-square that common coefficients lose, `freedom` the number of coefficients
-    that they have fewer.
+    `excess` is the chi-square lost with common coefficients, `freedom` the difference in the number
+    of coefficients.
     """
 
     effect: str
@@ -75,7 +74,7 @@ class Unlike:
 
     @property
     def sentence(self) -> str:
-        """The reason why its name does not stand, in words."""
+        """The reason for the withdrawal, in words."""
         return (
             f"{self.effect} is left out: it is the {self.owner}'s, which {', '.join(self.serials)} "
             f"shared, and would be alike in all of them; it is not (chi-square {self.excess:.0f} "
@@ -84,7 +83,7 @@ class Unlike:
 
 
 def together(of: SearchedChannel, every: Sequence[SearchedChannel]) -> tuple[SearchedChannel, ...]:
-    """Return the accelerometers that were in runs of one, itself among them."""
+    """Return the accelerometers with runs in common with one, including itself."""
     runs = set(of.source.channel.run_ids)
     return tuple(s for s in every if runs & set(s.source.channel.run_ids))
 
@@ -92,8 +91,8 @@ def together(of: SearchedChannel, every: Sequence[SearchedChannel]) -> tuple[Sea
 def unlike_effects(of: SearchedChannel, every: Sequence[SearchedChannel]) -> tuple[Unlike, ...]:
     """Return the effects found in an accelerometer that its neighbours in the same runs refute.
 
-    An effect whose sizes are unlike is refuted, unless beside the terms that each accelerometer may
-    have of its own it is alike, and needed as much as a further effect must be.
+    An effect with different sizes is refuted, unless its sizes are equal once each accelerometer
+    has its own terms, and it is then as significant as a further effect must be.
     """
     group = together(of, every)
     if len(group) < 2:
@@ -113,8 +112,8 @@ def unlike_effects(of: SearchedChannel, every: Sequence[SearchedChannel]) -> tup
 def shared_effects(every: Sequence[SearchedChannel]) -> tuple[SharedEffect, ...]:
     """Return the causes that several accelerometers shared, each once.
 
-    Those of the head, the chamber and the digitiser that `unlike_effects` has left, and what
-    happened in several accelerometers at one moment of the same run.
+    These are effects of the head, the chamber and the digitiser that `unlike_effects` did not
+    refute, and events in several accelerometers at one time of the same run.
     """
     found: dict[tuple[str, frozenset[str]], SharedEffect] = {}
     for of in every:
@@ -132,7 +131,7 @@ def shared_effects(every: Sequence[SearchedChannel]) -> tuple[SharedEffect, ...]
 
 
 def _at_one_moment(name: str, one: SearchedChannel, other: SearchedChannel) -> bool:
-    """Tell whether an event that both show has the same instant, where it has one."""
+    """Return True if an event in both has the same time, if it has one."""
     thetas = [
         next((s.choice.theta for s in x.result.slots if s.choice.name == name), None)
         for x in (one, other)
@@ -168,7 +167,7 @@ class _Comparison:
 def _compared(
     effect: ThermalEffect, group: Sequence[SearchedChannel], *, beside_equation: bool
 ) -> _Comparison:
-    """Fit an effect with common coefficients and with each accelerometer's own."""
+    """Fit an effect with common and with separate coefficients."""
     views = [_beside(effect.name, s, equation=beside_equation) for s in group]
     found = [(v, c) for v in views if (c := _most_flexible(effect.name, v)) is not None]
     theta = _where_clearest(found)
@@ -205,9 +204,9 @@ class _Normal:
         )
 
     def gain(self) -> tuple[float, int]:
-        """Return the chi-square that the columns explain, and in how many directions.
+        """Return the chi-square that the columns explain, and the number of independent columns.
 
-        A column of which hardly anything is left beside the others tells nothing.
+        A column that the others almost reproduce gives no information.
         """
         scale = np.sqrt(np.where(self.lengths2 > 0.0, self.lengths2, 1.0))
         values, vectors = np.linalg.eigh(self.matrix / np.outer(scale, scale))
@@ -217,7 +216,7 @@ class _Normal:
 
 
 def _beside(name: str, of: SearchedChannel, *, equation: bool) -> View:
-    """Return an accelerometer's view of an effect, beside what was found in other places.
+    """Return the view of an effect in an accelerometer, beside its other findings.
 
     With `equation`, beside every term of the equation that the present model lacks as well.
     """
@@ -230,7 +229,7 @@ def _beside(name: str, of: SearchedChannel, *, equation: bool) -> View:
 
 
 def _most_flexible(name: str, view: View) -> Candidate | None:
-    """Return the flexible form of an effect; None where the runs do not give its input."""
+    """Return the flexible form of an effect; None if the runs lack its input."""
     found = next((c for c in view.problem.candidates if c.name == name), None)
     return found and (found.flexible or found)
 

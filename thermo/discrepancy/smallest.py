@@ -14,8 +14,8 @@ if TYPE_CHECKING:
 def smallest_nameable(d: "Discrepancy") -> Mapping[str, ParameterValue]:
     """Return the size at which each visible effect reaches a strength of seven.
 
-    It is the effect's first coefficient, its nonlinear parameters in the middle of their range;
-    for an effect that has none, the parameter itself.
+    The size is the first coefficient of the effect, with its nonlinear parameters in the middle of
+    their range; for an effect without a coefficient, the parameter itself.
     """
     made: dict[str, ParameterValue] = {}
     foresight = d.foresight

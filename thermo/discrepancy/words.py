@@ -10,19 +10,12 @@ from errormodel.discrepancy.gate import FactorFinding, Judgement
 from errormodel.discrepancy.search.state import SearchState
 from errormodel.model import ErrorModel
 from errormodel.noise.model import NoiseFit
-from thermo.discrepancy.source import Fitted, ThermalSource
+from thermo.discrepancy.factors import factor_kind
+from thermo.discrepancy.problem.refit import Fitted
+from thermo.discrepancy.problem.source import ThermalSource
+from thermo.discrepancy.shape.found import ShapeFound
+from thermo.discrepancy.shape.pattern import TIMES_WORDS
 from thermo.library import thermal_library
-
-FACTOR_WORDS: Mapping[str, str] = {
-    "temperature": "follows temperature, the same on the way up and down",
-    "direction": "differs between heating and cooling at the same temperature",
-    "rate": "follows the rate of temperature",
-    "position": "depends on the position of the head",
-    "rotation_phase": "depends on the time since the head last turned",
-    "time_in_run": "depends on the time since the run began, the same in every run",
-    "run": "differs from run to run",
-    "time": "comes and goes with time, otherwise in each run",
-}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -53,7 +46,7 @@ def parameter_values(
     fitted: Fitted, source: ThermalSource, floor: NoiseFit
 ) -> dict[str, ParameterValue]:
     """Return every parameter of a fitted model with its sigma under the noise, as reported."""
-    covariance = _covariance(fitted, source, floor)
+    covariance = fitted_covariance(fitted, source, floor)
     # what two columns share beyond rounding has no sigma
     variances = np.where(np.diag(covariance) > 0.0, np.diag(covariance), np.nan)
     sigmas = dict(zip(fitted.free, np.sqrt(variances).tolist(), strict=True))
@@ -73,7 +66,8 @@ def _units(model: ErrorModel, scale: float, unit: str) -> dict[str, tuple[float,
     return {**known, **({"k1": (scale, f"{unit}/g")} if "k1" in known else {})}
 
 
-def _covariance(fitted: Fitted, source: ThermalSource, floor: NoiseFit) -> FloatArray:
+def fitted_covariance(fitted: Fitted, source: ThermalSource, floor: NoiseFit) -> FloatArray:
+    """Return the covariance of the free parameters under the noise, in the model's unit."""
     whitener = floor.noise.whitener(source.blocks.times)
     white = whitener.whiten(fitted.jacobian) / floor.noise.white
     norms = np.linalg.norm(white, axis=0)
@@ -127,13 +121,21 @@ def _digits(value: ParameterValue) -> str:
     return f"{value.value:.{digits}f} ± {value.sigma:.{digits}f}".replace("-", "−")
 
 
-def where_text(where: FactorFinding | None, judgement: Judgement) -> str:
-    """Say where the measurement and the model disagree."""
+def where_text(
+    source: ThermalSource,
+    where: FactorFinding | None,
+    judgement: Judgement,
+    shape: ShapeFound | None = None,
+) -> str:
+    """Say where the measurement and the model disagree, the names where some stand."""
     if where is None:
         return "Nowhere more than the noise: what is left does not repeat and is no larger than it."
-    text = f"What the model leaves {FACTOR_WORDS.get(where.name, f'follows {where.name}')}"
+    what = "What the names leave" if shape and judgement.names_stand else "What the model leaves"
+    text = f"{what} {factor_kind(source.seen, where.name).quantity.words}"
+    if shape is not None:
+        text += TIMES_WORDS[shape.pattern.times]
     if judgement.bursts > 6.0 and judgement.verdict == "unexplained_noise":
         text += ", in bursts"
     if where.excess < 1.0:
-        return f"{text}, but by no more than noise gives."
-    return f"{text} (chi-square {where.excess:.0f} above what noise gives)."
+        return f"{text}, but not more than noise alone."
+    return f"{text} (chi-square {where.excess:.0f} above the noise)."

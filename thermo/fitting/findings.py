@@ -77,7 +77,11 @@ def find_order(one: AccelerometerFit) -> OrderFinding:
     higher = tuple(t for t in (selection.trial(i + 1, j), selection.trial(i, j + 1)) if t)
     beyond = [t for t in selection.trials if t.k0_order >= i and t.k1_order >= j and t != chosen]
     if not beyond:
-        why = "the highest that is tried" if i == MAX_ORDER else "the highest the data can carry"
+        why = (
+            "the highest order that is tried"
+            if i == MAX_ORDER
+            else "the highest order that the data determine"
+        )
         text = f"orders K0 {i}, K1 {j}: {why}"
         return OrderFinding(chosen=chosen, higher=(), helps=None, sentence=text)
     helps = min(t.heldout_ug for t in beyond) < chosen.heldout_ug * (1.0 - WORTH)
@@ -148,16 +152,16 @@ def _by_run(one: AccelerometerFit) -> Iterator[tuple[str, float]]:
 def _loop_sentence(summary: ResidualSummary, median: float, repeats: bool | None) -> str:
     head = (
         f"heating lies {abs(median):.4g} µg {'above' if median > 0 else 'below'} cooling at equal "
-        f"temperature, more than the {summary.rms_ug:.4g} µg rms that is left in all"
+        f"temperature, more than the {summary.rms_ug:.4g} µg rms of the residual"
     )
     if repeats is None:
         return (
-            f"{head}: a thermal-history effect, which no polynomial in temperature can hold, or a "
-            f"drift, which a single run cannot tell from it"
+            f"{head}: a thermal-history effect, which no polynomial in temperature can describe, "
+            f"or a drift; a single run cannot separate the two"
         )
     if repeats:
         return (
             f"{head}, and with the same sign in every run: a thermal-history effect is left, which "
-            f"no polynomial in temperature can hold"
+            f"no polynomial in temperature can describe"
         )
     return f"{head}, but not with the same sign in every run: a drift rather than thermal history"

@@ -21,7 +21,7 @@ from thermo.recording.channel import (
 )
 from thermo.recording.files import RecordedRuns
 from thermo.recording.runs import FORCES
-from thermo.selection.orders import BY_RUN, Selection, scaled, select_model
+from thermo.selection.orders import BY_RUN, Selection, referred_to_input, select_model
 from thermo.selection.residuals import ResidualSummary, constants_only_ug, summarise
 from thermo.selection.support import Support, settled, support_of
 from thermo.uncertainty.doubts import Doubts, doubts_of
@@ -213,7 +213,7 @@ def _told(
         channel=mine,
         own_scale=own.nominal_scale,
         fit=_times_k1(result, k1),
-        selection=scaled(selection, abs(k1)) if selection else None,
+        selection=referred_to_input(selection, abs(k1)) if selection else None,
         t_ref_c=terms.t_ref_c,
         valid_c=(support.temp_c[0][0], support.temp_c[-1][1]),
         valid_rate_c_per_min=support.rate_c_per_min,

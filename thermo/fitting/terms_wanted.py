@@ -45,7 +45,7 @@ class TermsFile(BaseModel):
     def _known(cls, names: tuple[str, ...] | None) -> tuple[str, ...] | None:
         check_terms(names or ())
         if names is not None and len(set(names)) != len(names):
-            raise ValueError("a term stands twice")
+            raise ValueError("a term is listed twice")
         return names
 
     @model_validator(mode="after")
@@ -54,7 +54,7 @@ class TermsFile(BaseModel):
         known = {p.name: p for p in model.parameters} if model else {}
         for name, value in self.start.items():
             if name not in known:
-                raise ValueError(f"start: {name!r} is no nonlinear parameter of the terms")
+                raise ValueError(f"start: {name!r} is not a nonlinear parameter of the terms")
             if not known[name].lo <= value <= known[name].hi:
                 lo, hi = known[name].lo, known[name].hi
                 raise ValueError(f"start: {name} must be between {lo:g} and {hi:g}")

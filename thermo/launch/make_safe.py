@@ -115,7 +115,7 @@ def make_station_safe(
 
 
 def _nothing_to_do() -> MadeSafe:
-    line = "no interrupted test has left this chamber; nothing was commanded"
+    line = "no test of this user was interrupted on this chamber; nothing was commanded"
     return MadeSafe(safe=SafeResult(verified=False, steps=(line,), commanded=False), needed=False)
 
 
@@ -167,7 +167,7 @@ def _tell_record(config: ChamberConfig, note: Commanded | None, safe: SafeResult
                 "test_id": note.test_id,
             },
         )
-        why = "controller and guardian were gone; made safe by accelbench make-safe"
+        why = "controller and guardian were dead; made safe by accelbench make-safe"
         record.write("safe", why=why, verified=True, steps=safe.steps)
     except OSError as err:
         log.warning("%s: %s", note.result_path, err.strerror)

@@ -36,8 +36,8 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 # a job in the background that writes to its terminal, or reads from it, is stopped by these
 IGNORED = (signal.SIGTTOU, signal.SIGTTIN)
 REFUSAL = (
-    "accelbench: Ctrl-Z is refused: a stopped controller leaves the chamber alone; "
-    "Ctrl-C ends the test safely"
+    "accelbench: Ctrl-Z is refused: a stopped controller cannot watch the chamber; Ctrl-C ends "
+    "the test safely"
 )
 
 
@@ -72,7 +72,7 @@ def run_on_station(
 
     SIGINT, SIGTERM and SIGHUP end the test safely; given again they change nothing, so that the
     clean-up is never cut short. SIGTSTP (Ctrl-Z) is refused with a line. A guardian makes the
-    chamber safe should this process be killed, hang or be stopped, and goes on trying should the
+    chamber safe should this process be killed, hang or be stopped, and keeps trying should the
     clean-up fail. A test that the guardian had to end has the status "failed".
 
     Parameters

@@ -2,7 +2,7 @@
 
 Each module holds its terms with their priors and units, and the effects made of them with their
 sentences, the experiments that isolate them and an example for the emulator. The library collects
-what its modules hold; a file of a user's own is one member more, for as long as a command runs.
+the modules; a user file is a further member while a command runs.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -12,9 +12,20 @@ from typing import cast
 
 from errormodel.errors import InputError
 from errormodel.in_use import InUse
-from errormodel.io.python_file import PythonFile, Source, members_of
+from errormodel.io.python_file import LibrarySource, PythonFile, members_of
 from errormodel.terms import Description, Effect
-from thermo.library import head, lag, loop, passing, polynomial, rate, readout, static
+from thermo.library import (
+    head,
+    kink,
+    lag,
+    loop,
+    moves,
+    passing,
+    polynomial,
+    rate,
+    readout,
+    static,
+)
 from thermo.library.effects import ThermalEffect
 from thermo.library.polynomial import MAX_ORDER
 from thermo.library.static import STATIC_NAMES
@@ -29,7 +40,7 @@ __all__ = [
     "with_thermal_file",
 ]
 
-MODULES = (polynomial, static, rate, loop, lag, passing, head, readout)
+MODULES = (polynomial, static, kink, rate, loop, lag, passing, head, moves, readout)
 Maker = Callable[[], Effect]
 
 
@@ -40,15 +51,15 @@ class ThermalLibrary:
     Attributes
     ----------
     terms : mapping of str to callable
-        Each makes its term.
+        Each returns its term.
     effects : tuple of ThermalEffect
-    sources : tuple of Source
-        The files of the user's that are part of it.
+    sources : tuple of LibrarySource
+        The user files that are part of it.
     """
 
     terms: Mapping[str, Maker]
     effects: tuple[ThermalEffect, ...]
-    sources: tuple[Source, ...] = ()
+    sources: tuple[LibrarySource, ...] = ()
 
     @cached_property
     def by_name(self) -> Mapping[str, ThermalEffect]:
@@ -71,20 +82,20 @@ class ThermalLibrary:
         """
         if name not in self.terms:
             raise KeyError(
-                f"no term {name!r}; expected some of {', '.join(self.terms)}; one of your own "
-                "needs --library FILE"
+                f"no term {name!r}; expected some of {', '.join(self.terms)}; a definition of "
+                f"your own needs --library FILE"
             )
         return self.terms[name]()
 
     def with_members(
-        self, terms: Mapping[str, Maker], effects: Sequence[ThermalEffect], source: Source
+        self, terms: Mapping[str, Maker], effects: Sequence[ThermalEffect], source: LibrarySource
     ) -> "ThermalLibrary":
-        """Return the library with members of a user's own.
+        """Return the library with further members from a user.
 
         Raises
         ------
         InputError
-            If a name stands in the library already, or a maker does not give the term named.
+            If a name is already in the library, or a function does not return the named term.
         """
         for name, make in terms.items():
             if name in self.terms:
@@ -118,12 +129,12 @@ def with_thermal_file(file: PythonFile) -> ThermalLibrary:
     """Return the library in use with the terms and effects of a user's file.
 
     The file defines `TERMS`, a mapping of names to functions that make terms, and `EFFECTS`, a
-    sequence that may hold `thermo.library.effects.ThermalEffect`.
+    sequence of `thermo.library.effects.ThermalEffect`.
 
     Raises
     ------
     InputError
-        If the file's members are not what they should be.
+        If the members of the file have the wrong type.
     """
     given: object = getattr(file.module, "TERMS", {})
     if not isinstance(given, Mapping) or not all(
@@ -134,7 +145,7 @@ def with_thermal_file(file: PythonFile) -> ThermalLibrary:
         raise InputError(file.path, "TERMS", problem)
     terms = cast(Mapping[str, Maker], given)
     effects = [e for e in members_of(file, "EFFECTS", object) if isinstance(e, ThermalEffect)]
-    source = Source(name=file.path.name, sha256=file.sha256, members=frozenset(terms))
+    source = LibrarySource(name=file.path.name, sha256=file.sha256, members=frozenset(terms))
     return thermal_library().with_members(terms, effects, source)
 
 

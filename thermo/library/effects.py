@@ -1,7 +1,7 @@
-"""Parts of a family's file: terms in a few words, and effects that may be missing.
+"""Building blocks of the library files: short definitions of terms and effects.
 
 An effect is a named physical cause, made of terms of the library. It may have more than one form:
-the first is tried with the others, a richer one when the first has won.
+the first is tried together with other effects, a more flexible one if the first was selected.
 
 Signals: `a_i_g`, `a_p_g`, `a_o_g` (specific force along IA, PA, OA in local g, OA = IA × PA),
 `x_c` (temperature less the reference temperature, °C), `x_slow_c` (the same without the
@@ -23,19 +23,20 @@ from errormodel.terms import Coefficient, Effect, Place, Term, memoryless
 Grid = tuple[tuple[float, ...], ...]
 Cause = Literal["accelerometer", "head", "chamber", "digitiser", "run"]
 MICRO = 1e6  # coefficients are reported in millionths
-# Angles are known to some 1e-4 rad at best from an unknown head: what differs by less than ten
-# times that between positions does not tell a position-dependent coefficient from another.
+# The angles of an unknown head are known to some 1e-4 rad at best, so a difference of less than ten
+# times that between positions does not separate position-dependent coefficients.
 POSITION_SHARE = 1e-3
-# Columns of time and of the head may be alike over a run but for this share.
+# Columns of time and of the head may be equal over a run except for this share.
 EVENT_SHARE = 1e-3
-# Beforehand, wider than any accelerometer: 50 mg of bias, 5 % of scale factor, 50 mrad over ±50 °C.
+# Prior sigmas, wider than any accelerometer: 50 mg of bias, 5 % of scale factor, 50 mrad over ±50
+# °C.
 WIDE = 0.05
 WIDE_C = 50.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Form:
-    """One form of an effect: its terms, and where their nonlinear parameters are tried first.
+    """One form of an effect: its terms and the grid of their nonlinear parameters.
 
     `parameters` are the names of the nonlinear parameters in the order of the grid's points.
     `smooth` is False when the output does not change smoothly with them (the instant of a step).
@@ -49,12 +50,12 @@ class Form:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Example:
-    """An effect of an ordinary size, for the emulator to put into an accelerometer.
+    """An effect of ordinary size for an emulated accelerometer.
 
     Attributes
     ----------
     term : str
-        Of the library; empty for offsets between power-ons, which are drawn.
+        Term of the library; empty for offsets between power-ons, which are drawn.
     values : mapping of str to float
         Its coefficients and parameters, in the model's unit (g, °C, s).
     turn_on_ug : float
@@ -73,22 +74,25 @@ class ThermalEffect:
     Attributes
     ----------
     name : str
-        As in the verdict.
+        Name in the verdict.
     sentence : str
-        What it physically is; the size found is put where `{size}` stands.
+        Physical description; `{size}` is replaced by the estimated size.
     forms : callable
         Given the model and the runs' hours, the forms that may be added, the plain one first; an
-        empty sequence when the model holds the effect already.
+        empty sequence if the model already has the effect.
     experiment : str
-        What isolates it, in words.
+        Description of the experiment that isolates it.
     event : bool
-        It belongs to one run or one moment: a new run will not repeat it.
+        True if it belongs to one run or one time: a new run will not repeat it.
     cause : str
-        Who owns it. What is the head's, the chamber's or the digitiser's is alike in all
-        accelerometers that shared it; what belongs to a run may come to several at one moment.
+        Its cause. An effect of the head, the chamber or the digitiser is equal in all
+        accelerometers that shared it; an effect of a run may occur in several at one time.
     example : Example, optional
         Its size in an accelerometer that passes its data sheet all the same; None where the
         emulator cannot give it to one accelerometer alone.
+    changes : str
+        Term of the model that it changes over temperature; without that term there is nothing to
+        change.
     """
 
     name: str
@@ -98,6 +102,7 @@ class ThermalEffect:
     event: bool = False
     cause: Cause = "accelerometer"
     example: Example | None = None
+    changes: str = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -109,19 +114,39 @@ class Context:
     run_s: float
     hours: float
     step_times_h: tuple[float, ...] = ()
+    x_range_c: tuple[float, float] = (0.0, 0.0)
     term_names: frozenset[str] = field(default=frozenset())
 
 
 def context_of(
-    model: ErrorModel, runs: int, run_s: float, hours: float, steps: Sequence[float]
+    model: ErrorModel,
+    runs: int,
+    run_s: float,
+    hours: float,
+    steps: Sequence[float],
+    x_range_c: tuple[float, float] = (-50.0, 50.0),
 ) -> Context:
-    """Return the context of a model on some runs."""
+    """Return the context of a model on some runs.
+
+    Parameters
+    ----------
+    model : ErrorModel
+    runs : int
+        Their number.
+    run_s, hours : float
+        Length of the longest run, s; from the first reading to the last, h.
+    steps : sequence of float
+        Times at which a step is tried, h.
+    x_range_c : (float, float)
+        Range of temperature less the reference temperature, °C.
+    """
     return Context(
         model=model,
         runs=runs,
         run_s=run_s,
         hours=hours,
         step_times_h=tuple(steps),
+        x_range_c=x_range_c,
         term_names=frozenset(t.name for t in model.terms),
     )
 
@@ -162,18 +187,18 @@ def one_column(
     Parameters
     ----------
     name : str
-        Of term and coefficient.
+        Name of term and coefficient.
     symbol, unit : str
         The unit in which the coefficient is reported.
     sentence : str
-        What it physically is.
+        Physical description.
     column : callable
-        Of a record: what the coefficient is multiplied by, shape (n,).
+        Function of a record that returns the regressor, shape (n,).
     place : {"input", "scale", "gain"}
     needs : sequence of str
         Signals.
     family, order, label : str, int, str
-        As of `errormodel.terms.Description`.
+        As in `errormodel.terms.Description`.
     prior_sigma : float
         In the model's unit.
     min_share : float
@@ -226,8 +251,9 @@ def millionths(
 
 
 def foreseen(effect: Effect) -> bool:
-    """Tell whether a run's part of a term is known from the other runs of the same test.
+    """Return True if the value of a term in a run is known from the other runs of the same test.
 
-    That of what does not belong to one run or moment, and of a mounting, which runs share.
+    This holds for terms that do not belong to one run or time, and for a mounting, which runs
+    share.
     """
     return effect.predictive or (isinstance(effect, Term) and "mounting" in effect.needs)

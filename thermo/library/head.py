@@ -1,4 +1,4 @@
-"""The indexing head: its angle's harmonics, and accelerometers mounted anew on it."""
+"""The indexing head: harmonics of its angle error, and remounted accelerometers."""
 
 from collections.abc import Callable, Sequence
 
@@ -31,15 +31,15 @@ def indexer_harmonic(order: int) -> Term:
 
     def columns(record: Record) -> FloatArray:
         own = np.arctan2(record["a_i_g"], record["a_p_g"])
-        # the error is the head's own, however the accelerometer is mounted on it
+        # the error belongs to the head, independent of the mounting of the accelerometer
         head_deg = record.signals.get("head_deg")
         angle = order * (own if head_deg is None else np.deg2rad(head_deg))
         error = np.column_stack([np.sin(angle), np.cos(angle)])
-        return np.round(record["a_p_g"][:, None] * error, 12)  # what is zero shall be zero
+        return np.round(record["a_p_g"][:, None] * error, 12)  # remove rounding errors of zero
 
     return Term(
         name=name,
-        sentence=f"The head's angle errs with {order} periods a turn.",
+        sentence=f"The error of the head's angle has {order} periods a turn.",
         place="input",
         coefficients=(
             millionths(f"{name}_sin", "es", "µrad", family="indexer_harmonic"),
@@ -56,12 +56,12 @@ def remount_name(number: int) -> str:
 
 
 def remount(number: int) -> Term:
-    """Return the angle by which mounting `number` misses the first, about the output axis."""
+    """Return the angle of mounting `number` relative to the first, about the output axis."""
     return one_column(
         remount_name(number),
         symbol=f"m{number}",
         unit="µrad",
-        sentence="Mounted anew on the head, the accelerometer is turned by a small angle.",
+        sentence="After remounting on the head, the accelerometer is rotated by a small angle.",
         column=lambda r: r["a_p_g"] * (r["mounting"] == number),
         needs=("a_p_g", "mounting"),
         family="remount",
@@ -84,7 +84,7 @@ TERMS: dict[str, Callable[[], Effect]] = {
 EFFECTS = (
     ThermalEffect(
         name="indexer_harmonic",
-        sentence="The head's angle errs periodically over a turn, {size}.",
+        sentence="The head's angle has a periodic error over a turn, {size}.",
         forms=_harmonic,
         experiment="positions every 15°, and the same with the accelerometer mounted turned by "
         "90° on the head",

@@ -10,7 +10,7 @@ from errormodel.record import Record
 from errormodel.terms import Effect, InputChange, Memory, Parameter, Values
 from thermo.library.effects import Context, Example, Form, ThermalEffect, log_grid
 
-LAGGING = ("x_c", "x_slow_c", "rate_c_per_min")  # what is of the inside where it was measured
+LAGGING = ("x_c", "x_slow_c", "rate_c_per_min")  # signals of the inside temperature
 
 
 @numba.njit(cache=True)
@@ -31,7 +31,7 @@ def _follow(
 
 
 def _lagging(record: Record, memory: Memory, taus_s: Sequence[float]) -> tuple[Record, Memory]:
-    """Return the record behind first-order lags in a row, and where each of them stands."""
+    """Return the record after first-order lags in series, and the state of each lag."""
     changed: dict[str, FloatArray] = {}
     after: dict[str, Memory] = {}
     for signal in LAGGING:
@@ -69,7 +69,7 @@ def thermal_lag() -> InputChange:
 
 
 def thermal_lag_two_poles() -> InputChange:
-    """Return a lag of two poles in a row: `thermal_lag` behind `thermal_lag_second`."""
+    """Return a lag with two poles in series: `thermal_lag` behind `thermal_lag_second`."""
 
     def change(record: Record, values: Values, memory: Memory) -> tuple[Record, Memory]:
         return _lagging(record, memory, [values["thermal_lag"], values["thermal_lag_second"]])
@@ -77,7 +77,7 @@ def thermal_lag_two_poles() -> InputChange:
     return InputChange(
         name="thermal_lag_two_poles",
         sentence="The inside of the accelerometer follows its thermistor through two thermal "
-        "resistances in a row.",
+        "resistances in series.",
         change=change,
         parameters=(
             Parameter(name="thermal_lag", symbol="τ", unit="s", lo=0.1, hi=3600.0, start=60.0),
@@ -127,11 +127,12 @@ EFFECTS = (
     ThermalEffect(
         name="thermal_lag",
         sentence="The inside of the accelerometer follows its thermistor with a time constant of "
-        "{size}: its temperature is not the one recorded while that changes.",
+        "{size}: while the temperature changes, it differs from the recorded one.",
         forms=_forms,
-        experiment="a second ramp rate, and holds of three time constants after each ramp: a lag "
-        "dies away in them, and grows with the slope of the scale factor and bias there",
-        # the thermistor sits on the shell, the proof mass a minute behind it
+        experiment="a second ramp rate, and holds of three time constants after each ramp: the "
+        "effect of a lag decays in the holds and is proportional to the slope of scale factor "
+        "and bias",
+        # the thermistor is on the shell; the proof mass follows with one minute
         example=Example(term="thermal_lag", values={"thermal_lag": 60.0}),
     ),
 )

@@ -18,7 +18,7 @@ from thermo.library.effects import (
     millionths,
 )
 
-# Play radii of a loop of many hysterons, °C: from hardly a loop to half the widest chamber range.
+# Play radii of a loop of many hysterons, °C: from almost no loop to half the widest chamber range.
 PLAY_RADII_C = (1.5, 4.0, 9.0, 18.0, 36.0)
 ORDINARY = 1e-3  # 1 mg or 1000 ppm: wider than any accelerometer
 
@@ -39,8 +39,8 @@ def _loop_state(x: FloatArray, width: float, last_x: float, state: float) -> Flo
 def loop(name: str, what: str, symbol: str, unit: str, place: Place) -> Term:
     """Return a rate-independent loop: a state between −1 and 1 that follows the direction.
 
-    dz/dx = (sgn(dx) − z)/w (Dahl's form of the Bouc-Wen family): exact on any monotone piece, so
-    that the sampling interval does not matter.
+    dz/dx = (sgn(dx) − z)/w (Dahl's form of the Bouc-Wen family): the solution is exact on any
+    monotone piece, so it does not depend on the sampling interval.
     """
     width = f"{name}_width"
 
@@ -95,7 +95,7 @@ def _travelled(x: FloatArray, last_x: float, path: float) -> FloatArray:
 
 
 def loop_start(name: str, place: Place, unit: str) -> Term:
-    """Return what a loop's state before the run's start leaves: forgotten over its width."""
+    """Return the effect of the loop state before the run; it decays with the width."""
     own, width = f"{name}_start", f"{name}_width"
 
     def one_run(
@@ -108,7 +108,7 @@ def loop_start(name: str, place: Place, unit: str) -> Term:
 
     return Term(
         name=own,
-        sentence="The run begins with the loop's state of what went before.",
+        sentence="The run begins with the state of the loop from the earlier history.",
         place=place,
         coefficients=(
             millionths(own, "h0", unit, family=name, label="start", prior_sigma=ORDINARY),
@@ -167,11 +167,11 @@ def _forms(name: str) -> Callable[[Context], Sequence[Form]]:
 
 
 def _example(name: str) -> Example:
-    # tens of µg over −40…+70 °C: assumed, papers tell the loop and not its size
+    # tens of µg over −40…+70 °C: assumed; papers describe the loop but not its size
     return Example(term=name, values={name: 20 / MICRO, f"{name}_width": 12.0})
 
 
-# The bias's loop and the scale factor's; of each the coefficient is half the open loop's width.
+# Loops of bias and scale factor; each coefficient is half the height of the open loop.
 TERMS: dict[str, Callable[[], Effect]] = {
     "bias_hysteresis": lambda: loop("bias_hysteresis", "bias", "h", "µg", "input"),
     "scale_hysteresis": lambda: loop("scale_hysteresis", "scale factor", "hs", "ppm", "scale"),
@@ -186,8 +186,8 @@ EFFECTS = (
         sentence="The bias differs between heating and cooling at the same temperature, however "
         "slow the change; half the open loop is {size}.",
         forms=_forms("bias_hysteresis"),
-        experiment="an inner loop that turns back half way, and a slower ramp: a loop does not "
-        "depend on the rate and survives a hold",
+        experiment="an inner loop that reverses half way, and a slower ramp: a loop does not "
+        "depend on the rate and persists in a hold",
         example=_example("bias_hysteresis"),
     ),
     ThermalEffect(
@@ -195,7 +195,7 @@ EFFECTS = (
         sentence="The scale factor differs between heating and cooling at the same temperature; "
         "half the open loop is {size}.",
         forms=_forms("scale_hysteresis"),
-        experiment="an inner loop that turns back half way, tumbled between +1 g and −1 g",
+        experiment="an inner loop that reverses half way, tumbled between +1 g and −1 g",
         example=_example("scale_hysteresis"),
     ),
 )

@@ -1,9 +1,10 @@
-"""Terms of a campaign, a power-on or a moment: bias that relaxes, jumps or drifts."""
+"""Terms of a campaign, a power-on or one time: a bias that relaxes, steps or drifts."""
 
 from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from errormodel.arrays import FloatArray
 from errormodel.terms import Effect, Parameter, Term
 from thermo.library.effects import (
     EVENT_SHARE,
@@ -18,14 +19,14 @@ from thermo.library.effects import (
     plain_form,
 )
 
-MAX_RUNS = 12  # whose turn-on offsets have names
+MAX_RUNS = 64  # whose turn-on offsets have names
 
 
 def run_in() -> Term:
     """Return a bias that relaxes over the campaign."""
     return Term(
         name="run_in",
-        sentence="Stress from assembly relaxes: the bias dies away over the campaign.",
+        sentence="Stress from assembly relaxes: the change of bias decays over the campaign.",
         place="input",
         coefficients=(millionths("run_in", "A", "µg"),),
         columns=lambda r, v, m: (np.exp(-r["elapsed_h"] / v["run_in_tau_h"])[:, None], m),
@@ -47,10 +48,10 @@ def run_in() -> Term:
 
 
 def warm_up() -> Term:
-    """Return a bias that dies away after each power-on, which a run's start is taken for."""
+    """Return a bias change that decays after each start of a run (power-on)."""
     return Term(
         name="warm_up",
-        sentence="The bias dies away after each power-on while the accelerometer warms itself.",
+        sentence="A change of bias decays after each power-on while the accelerometer warms up.",
         place="input",
         coefficients=(millionths("warm_up", "W", "µg"),),
         columns=lambda r, v, m: (np.exp(-r.time_s / v["warm_up_tau_s"])[:, None], m),
@@ -92,7 +93,7 @@ def bias_step() -> Term:
     """Return a step of the bias at one time."""
     return Term(
         name="bias_step",
-        sentence="The bias stepped once and stayed.",
+        sentence="The bias stepped once and kept the new value.",
         place="input",
         coefficients=(millionths("bias_step", "J", "µg"),),
         columns=lambda r, v, m: (
@@ -117,12 +118,12 @@ def bias_step() -> Term:
 
 
 def bias_drift() -> Term:
-    """Return a bias that changes uniformly over the campaign."""
+    """Return a bias that changes linearly over the campaign."""
     return one_column(
         "bias_drift",
         symbol="D",
         unit="µg/h",
-        sentence="The bias changes uniformly with time over the campaign.",
+        sentence="The bias changes linearly with time over the campaign.",
         column=lambda r: r["elapsed_h"],
         needs=("elapsed_h",),
         prior_sigma=1e-3,  # 1 mg/h: wider than any accelerometer
@@ -131,10 +132,40 @@ def bias_drift() -> Term:
     )
 
 
+DAY_H = 24.0
+_DAILY: tuple[tuple[str, Callable[[FloatArray], FloatArray]], ...] = (
+    ("sin", np.sin),
+    ("cos", np.cos),
+)
+
+
+def daily(wave: str) -> Term:
+    """Return the sine or the cosine of a bias with the period of a day."""
+    function = dict(_DAILY)[wave]
+    return one_column(
+        f"daily_{wave}",
+        symbol=f"d{wave}",
+        unit="µg",
+        sentence="The bias has the period of a day, as the room's temperature or mains have.",
+        column=lambda r: function(2.0 * np.pi * r["elapsed_h"] / DAY_H),
+        needs=("elapsed_h",),
+        family="daily_period",
+        label=wave,
+        min_share=EVENT_SHARE,
+        predictive=False,
+    )
+
+
+def _daily(at: Context) -> Sequence[Form]:
+    """Return the form of a daily period; half a day is a drift."""
+    terms = tuple(f"daily_{wave}" for wave, _ in _DAILY)
+    return [Form(terms=terms)] if at.hours > 0.75 * DAY_H and not set(terms) & at.term_names else []
+
+
 def _relaxing(
     name: str, parameter: str, range_of: Callable[[Context], tuple[float, float]]
 ) -> Callable[[Context], Sequence[Form]]:
-    """Return the form of a bias that dies away, its time constant in a range the runs allow."""
+    """Return the form of a decaying bias, with a time constant in the range that the runs allow."""
 
     def forms(at: Context) -> Sequence[Form]:
         if name in at.term_names:
@@ -171,12 +202,13 @@ TERMS: dict[str, Callable[[], Effect]] = {
     **{turn_on_name(k): (lambda k=k: turn_on_offset(k)) for k in range(1, MAX_RUNS)},
     "bias_step": bias_step,
     "bias_drift": bias_drift,
+    **{f"daily_{wave}": (lambda wave=wave: daily(wave)) for wave, _ in _DAILY},
 }
 EFFECTS = (
     ThermalEffect(
         name="run_in",
-        sentence="Stress from assembly relaxes: the bias dies away over the campaign, {size} at "
-        "its start.",
+        sentence="Stress from assembly relaxes: the change of bias decays over the campaign, "
+        "{size} at its start.",
         forms=_relaxing("run_in", "run_in_tau_h", _run_in_h),
         experiment="two more runs of the same kind after a rest of a day",
         event=True,
@@ -184,7 +216,7 @@ EFFECTS = (
     ),
     ThermalEffect(
         name="warm_up",
-        sentence="The bias dies away after each power-on, {size} at first.",
+        sentence="A change of bias decays after each power-on, {size} at first.",
         forms=_relaxing("warm_up", "warm_up_tau_s", _warm_up_s),
         # no example: the station powers its accelerometers before the chamber goes to where a run
         # begins, and by then it is over
@@ -204,9 +236,9 @@ EFFECTS = (
     ),
     ThermalEffect(
         name="bias_step",
-        sentence="The bias stepped once and stayed: {size}.",
+        sentence="The bias stepped once and kept the new value: {size}.",
         forms=_step,
-        experiment="the same run again: a step that has stayed is in all of it",
+        experiment="the same run again: a permanent step is present in all of it",
         event=True,
         cause="run",
         # hours of the station's clock: within the third run of the demonstration, as a step in a
@@ -215,7 +247,7 @@ EFFECTS = (
     ),
     ThermalEffect(
         name="bias_drift",
-        sentence="The bias changes uniformly with time, {size}.",
+        sentence="The bias changes linearly with time, {size}.",
         forms=plain_form("bias_drift"),
         experiment="a long hold at one temperature",
         event=True,
@@ -223,5 +255,13 @@ EFFECTS = (
         # assumed, as after transport: no data sheet allows it for a week, and 2 µg/h over a night
         # are what a random walk may do as well
         example=Example(term="bias_drift", values={"bias_drift": 5 / MICRO}),
+    ),
+    ThermalEffect(
+        name="daily_period",
+        sentence="The bias has the period of a day, {size}.",
+        forms=_daily,
+        experiment="a hold at one temperature over two days, with the room's temperature recorded",
+        event=True,
+        cause="run",
     ),
 )

@@ -43,13 +43,13 @@ def bias() -> Term:
         "k0",
         symbol="K0",
         unit="µg",
-        sentence="The output with no input, at the reference temperature.",
+        sentence="The output at zero input, at the reference temperature.",
         column=lambda r: np.ones(len(r)),
     )
 
 
 def power(values: FloatArray, order: int) -> FloatArray:
-    """Return a whole power; multiplied out it takes a tenth of numpy's time."""
+    """Return an integer power by multiplication, ten times as fast as numpy."""
     product = values
     for _ in range(order - 1):
         product = product * values
@@ -121,7 +121,7 @@ TERMS: dict[str, Callable[[], Effect]] = {
 EFFECTS = (
     ThermalEffect(
         name="bias_temperature_order",
-        sentence="The bias bends more with temperature than the model's order allows: {size}.",
+        sentence="The bias has a higher order in temperature than the model: {size}.",
         forms=_next_orders("k0"),
         experiment="a wider range of temperature, with holds along it",
         # some 30 µg at the ends of the range
@@ -129,8 +129,7 @@ EFFECTS = (
     ),
     ThermalEffect(
         name="scale_temperature_order",
-        sentence="The scale factor bends more with temperature than the model's order allows: "
-        "{size}.",
+        sentence="The scale factor has a higher order in temperature than the model: {size}.",
         forms=_next_orders("k1"),
         experiment="a wider range of temperature, tumbled between +1 g and −1 g",
         example=Example(term="k1_t3", values={"k1_t3": 1e-4 / MICRO}),  # some 30 ppm there

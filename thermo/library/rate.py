@@ -1,4 +1,4 @@
-"""Heat that flows through the accelerometer: bias and scale factor follow dT/dt."""
+"""Heat flow through the accelerometer: bias and scale factor follow dT/dt."""
 
 from collections.abc import Callable, Sequence
 
@@ -61,6 +61,20 @@ def temperature_rate_scale() -> Term:
     )
 
 
+def heat_flow_bias() -> Term:
+    """Return a bias proportional to how much warmer the chamber is than the accelerometer."""
+    return one_column(
+        "heat_flow_bias",
+        symbol="hf",
+        unit="µg/°C",
+        sentence="Heat flowing from the chamber's air into the case gives a bias proportional to "
+        "their difference.",
+        column=lambda r: r["chamber_less_case_c"],
+        needs=("chamber_less_case_c",),
+        prior_sigma=ORDINARY,
+    )
+
+
 def _rate_bias(at: Context) -> Sequence[Form]:
     plain = ("temperature_rate_bias",)
     if at.term_names & {"temperature_rate_bias"}:
@@ -72,14 +86,15 @@ TERMS: dict[str, Callable[[], Effect]] = {
     "temperature_rate_bias": temperature_rate_bias,
     "temperature_rate_bias_slope": temperature_rate_bias_slope,
     "temperature_rate_scale": temperature_rate_scale,
+    "heat_flow_bias": heat_flow_bias,
 }
 EFFECTS = (
     ThermalEffect(
         name="temperature_rate_bias",
         sentence="The bias follows the rate of temperature, {size}.",
         forms=_rate_bias,
-        experiment="two ramp rates over the same temperatures: it is proportional to the rate and "
-        "gone in a hold at once",
+        experiment="two ramp rates over the same temperatures: the effect is proportional to the "
+        "rate and vanishes at once in a hold",
         example=Example(term="temperature_rate_bias", values={"temperature_rate_bias": 12 / MICRO}),
     ),
     ThermalEffect(
@@ -90,5 +105,13 @@ EFFECTS = (
         example=Example(
             term="temperature_rate_scale", values={"temperature_rate_scale": 10 / MICRO}
         ),
+    ),
+    ThermalEffect(
+        name="heat_flow",
+        sentence="The bias follows the difference between chamber and accelerometer, {size}.",
+        forms=plain_form("heat_flow_bias"),
+        experiment="a ramp, and a hold in which the chamber's air is cycled by some degrees: a "
+        "bias that follows the rate does not follow that",
+        example=Example(term="heat_flow_bias", values={"heat_flow_bias": 5 / MICRO}),
     ),
 )

@@ -33,11 +33,11 @@ SEQUENCE: Bounds = {
     "limits.max_deviation_min": (
         0.0,
         120.0,
-        "in two hours a chamber can run anywhere",
+        "in two hours a chamber can reach any temperature",
     ),
-    "limits.stuck_c": (0.0, 30.0, "a reading that stands still is to be seen before it deviates"),
-    "limits.max_failures": (1, 1000, "looks at the chamber are some 10 s apart"),
-    "limits.max_failure_s": (0.0, 3600.0, "without readings nothing is limited"),
+    "limits.stuck_c": (0.0, 30.0, "a stuck reading must be detected before it deviates"),
+    "limits.max_failures": (1, 1000, "checks of the chamber are some 10 s apart"),
+    "limits.max_failure_s": (0.0, 3600.0, "without readings no limit protects"),
     "temperature.start_timeout_min": (
         0.0,
         2880.0,
@@ -46,7 +46,7 @@ SEQUENCE: Bounds = {
     "temperature.approach_c_per_min": (
         0.05,
         100.0,
-        "a slower one would excuse a deviation for hours after every step",
+        "a slower rate would permit a deviation for hours after every step",
     ),
     "after_gap.max_gap_s": (0.0, 86_400.0, "after a day it is another test"),
     "accelerometers.nominal_scale": (
@@ -55,10 +55,10 @@ SEQUENCE: Bounds = {
         "mA or V per g: a microampere or microvolt to ten amperes or kilovolts",
     ),
     "uniformity.band_c_per_min": (0.0, 100.0, "no chamber is faster"),
-    "uniformity.transient_min": (0.0, 1440.0, "a day is longer than any case needs to follow"),
+    "uniformity.transient_min": (0.0, 1440.0, "no case takes longer than a day to follow"),
     "uniformity.sins_self_heating.time_min": (-1e5, 1e5, "within seventy days of power-on"),
     "run_in.k0_limit_ug": (1e-3, 1e6, "a nano-g to one g"),
-    "run_in.k1_limit_ppm": (1e-3, 1e6, "a billionth to the whole of it"),
+    "run_in.k1_limit_ppm": (1e-3, 1e6, "a billionth to the full value"),
 }
 
 _BAUD = (110, 4_000_000, "no serial line is slower or faster")
@@ -75,7 +75,7 @@ STATION: Bounds = {
     "inputs.thermistor.a": (-0.01, 0.01, "1/T is 0.0034 at 25 °C"),
     "inputs.thermistor.b": (1e-5, 1e-3, "1/T changes by this with ln R: 1000 to 100 000 K"),
     "inputs.thermistor.c": (-1e-5, 1e-5, "some 1e-7 in any thermistor"),
-    "emulation.speed": (1e-3, 1e6, "nobody waits so long, no machine computes so fast"),
+    "emulation.speed": (1e-3, 1e6, "slower is too slow to wait for, faster is not possible"),
     "emulation.faults.at_s": (0.0, 1e8, "after three years no test runs"),
     "emulation.faults.count": (1, 1_000_000, "no test asks for more replies"),
     "emulation.faults.duration_s": (0.0, 1e8, "no test lasts three years"),
@@ -158,6 +158,6 @@ def unguarded(station: StationConfig) -> tuple[str, str] | None:
         return None
     return (
         "guardian.margin_s",
-        f"with it and the station's time-outs and retries a silent controller would be relieved "
-        f"after {silence_s:.4g} s, {MOST_SILENCE_S:g} s expected at most",
+        f"with this value and the time-outs and retries of the station, the guardian would act "
+        f"only after {silence_s:.4g} s, {MOST_SILENCE_S:g} s expected at most",
     )

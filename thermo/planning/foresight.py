@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from errormodel.constants import STANDARD_GRAVITY_M_S2
-from errormodel.fit import examine, expected_covariance
+from errormodel.covariance import expected_covariance
+from errormodel.fit import examine
 from errormodel.model import ErrorModel
 from errormodel.noise.model import NoiseModel
 from errormodel.record import Record

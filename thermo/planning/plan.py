@@ -20,7 +20,7 @@ MAX_SLOTS = 2_000_000  # all runs; a period of 0.1 s for more than two days
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class RunPlan:
-    """One run spelt out; arrays of one element per slot.
+    """One run expanded; arrays of one element per slot.
 
     `temp_c` is predicted: the commanded temperature behind one lag. Together with `time_s` and
     `position_deg` it is what a model needs to foresee how well it can be fitted.
@@ -197,7 +197,7 @@ def _check_temperatures(plan: Plan, source: str) -> None:
             f"{station.limits_c[0]:g}…{station.limits_c[1]:g} °C",
         )
     named = [("temperature.start_c", plan.sequence.temperature.start_c)]
-    named += [(f"temperature, segment {leg.index} spelt out", leg.end_c) for leg in plan.legs]
+    named += [(f"temperature, segment {leg.index} expanded", leg.end_c) for leg in plan.legs]
     named += [("temperature.rest.temp_c", plan.rest_temp_c)]
     pairs = (("limits.chamber_c", asked), ("limits.accelerometer_c", plan.accelerometer_limits_c))
     for key, (low, high) in pairs:
@@ -209,7 +209,7 @@ def _check_temperatures(plan: Plan, source: str) -> None:
     for leg in plan.legs:
         rate = abs(leg.rate_c_per_min)
         if leg.is_ramp and not slow * (1 - 1e-9) <= rate <= fast * (1 + 1e-9):
-            place = f"temperature, segment {leg.index} spelt out"
+            place = f"temperature, segment {leg.index} expanded"
             problem = f"{rate:g} °C/min is outside the station's {slow:g}…{fast:g} °C/min"
             raise InputError(source, place, problem)
 

@@ -55,7 +55,7 @@ class Positions(_Section):
     @model_validator(mode="after")
     def _check(self) -> "Positions":
         if len(set(self.angles_deg)) != len(self.angles_deg):
-            raise ValueError("angles_deg: an angle stands twice")
+            raise ValueError("angles_deg: an angle is listed twice")
         return self
 
 
@@ -258,7 +258,7 @@ class Sequence(_Section):
             raise ValueError(f"temperature.segments: {legs} ramps and holds, at most {MAX_LEGS}")
         serials = [a.serial for a in self.accelerometers]
         if len(set(serials)) != len(serials):
-            raise ValueError("accelerometers: a serial number stands twice")
+            raise ValueError("accelerometers: a serial number is listed twice")
         if self.run_in is not None and self.temperature.repeats != 1:
             raise ValueError("temperature.repeats: leave it out, run_in says how often")
         _check_temperatures(self.temperature, self.limits)

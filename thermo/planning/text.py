@@ -53,8 +53,8 @@ def plan_lines(plan: Plan, foresight: Foresight | None = None) -> tuple[str, ...
     lines += _leg_lines(plan)
     if plan.runs > 1:
         lines.append(
-            f"between runs the accelerometers are switched off by hand or timer; the chamber "
-            f"stands at {plan.rest_temp_c:g} °C"
+            f"between runs the accelerometers are switched off by hand or timer; the chamber is "
+            f"at {plan.rest_temp_c:g} °C"
         )
     lines += ["", *_coverage_lines(plan)]
     if foresight is not None:
@@ -83,18 +83,18 @@ def _run_in_lines(plan: Plan) -> list[str]:
     if rule is None:
         return []
     return [
-        f"run-in     stops by itself after {rule.min_cycles} to {rule.max_cycles} runs, when K0 "
+        f"run-in stops automatically after {rule.min_cycles} to {rule.max_cycles} runs, when K0 "
         f"(K1) of each accelerometer changes by no more than {rule.k0_limit_ug:g} µg "
-        f"({rule.k1_limit_ppm:g} ppm) ever after, confidence {100 * rule.confidence:g} %"
+        f"({rule.k1_limit_ppm:g} ppm) from then on, confidence {100 * rule.confidence:g} %"
     ]
 
 
 def _gap_text(plan: Plan) -> str:
     rule = plan.sequence.after_gap
-    resoak = f"hold the segment's start for {rule.resoak_min:g} min and repeat the segment"
+    resoak = f"hold the start of the segment for {rule.resoak_min:g} min and repeat the segment"
     if rule.gap_rule == "resoak":
         return resoak
-    return f"up to {rule.max_gap_s:g} s: go on, the gap marked; longer: {resoak}"
+    return f"up to {rule.max_gap_s:g} s: continue and mark the gap; longer: {resoak}"
 
 
 def _leg_lines(plan: Plan) -> list[str]:

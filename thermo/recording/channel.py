@@ -147,8 +147,8 @@ def refuse_without_temperature(runs: RecordedRuns, serial: str) -> None:
             raise InputError(
                 runs.source,
                 f"serial {serial} run {runs.run_ids[code]}",
-                "temp_c is not recorded: a model over temperature needs it; such runs can be "
-                "compared at one temperature with accelbench stability",
+                "temp_c is not recorded: a model over temperature needs it; use accelbench "
+                "stability to compare such runs at one temperature",
             )
 
 

@@ -178,7 +178,7 @@ def _check_sizes(
             row,
             f"output {output[row]:g} {scale.output_unit} at nominal_scale {scale.nominal_scale:g} "
             f"is more than {LARGEST_OUTPUT_G:g} g, beyond any instrument; flag the reading or "
-            "mend the scale",
+            f"correct the scale",
         )
 
 
@@ -242,6 +242,6 @@ def _check_mounts(
             turned = (own[row] - angle[row]) % 360.0
             raise table.fail(
                 row,
-                f"a_i_g and a_p_g are those of a mounting turned by {turned:.1f}°, "
+                f"a_i_g and a_p_g agree with a mounting rotated by {turned:.1f}°, "
                 f"the sidecar's mount_deg says {stated:g}°",
             )

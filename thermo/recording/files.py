@@ -4,7 +4,6 @@
 that is already in memory, checked in the same way.
 """
 
-import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from datetime import UTC, date, datetime
 from pathlib import Path
@@ -19,6 +18,8 @@ from errormodel.errors import InputError
 from errormodel.io.tables import TableForm, read_table, sidecar_path
 from errormodel.io.toml import check, read_toml
 from thermo.recording.check import Table, build
+from thermo.recording.copies import refuse_copies
+from thermo.recording.further_columns import further_columns
 from thermo.recording.labels import FloatArray, pair_keys
 from thermo.recording.readings_check import flag_readings
 from thermo.recording.runs import (
@@ -29,6 +30,7 @@ from thermo.recording.runs import (
     RecordedRuns,
     number_columns,
 )
+from thermo.recording.signals import signals, using_signals
 from thermo.recording.units_check import checked_units
 from thermo.recording.write import write_runs
 
@@ -105,7 +107,12 @@ class Sidecar(BaseModel):
 
 
 def read_runs(
-    paths: Sequence[Path | str], *, checked: bool = True, trust_units: bool = False
+    paths: Sequence[Path | str],
+    *,
+    checked: bool = True,
+    trust_units: bool = False,
+    more_columns: bool = False,
+    tell: Callable[[str], None] = lambda line: None,
 ) -> RecordedRuns:
     """Read recorded runs from CSV or Parquet files (`*.parquet`, `*.pq`) and join them.
 
@@ -120,6 +127,11 @@ def read_runs(
         Whether readings, units and copies are judged; False gives what the files hold.
     trust_units : bool
         Whether units and signs are taken as stated, however unlikely.
+    more_columns : bool
+        Whether columns of one's own that no library declares are read as well
+        (`thermo.recording.further_columns`): `discrepancy` holds the residual against them.
+    tell : callable
+        Told in a line which they are.
 
     Returns
     -------
@@ -136,6 +148,9 @@ def read_runs(
     """
     if not paths:
         raise InputError("recorded runs", "", "no file given, expected at least one")
+    if more_columns:
+        with using_signals((*signals(), *further_columns(paths, tell))):
+            return read_runs(paths, checked=checked, trust_units=trust_units)
     record = join_runs([_read_one(Path(path), checked=checked) for path in paths])
     if not checked:
         return record
@@ -143,32 +158,6 @@ def read_runs(
     if not trust_units:
         checked_units(record, trust_units=False)
     return record
-
-
-def refuse_copies(record: RecordedRuns) -> None:
-    """Refuse runs that hold the same readings under two names.
-
-    Raises
-    ------
-    InputError
-        Naming both.
-    """
-    seen: dict[bytes, tuple[str, str]] = {}
-    for run, serial in record.scales:
-        mine = record.run.codes == record.run_ids.index(run)
-        mine &= record.serial.codes == record.serials.index(serial)
-        output = record.output[mine]
-        if len(np.unique(output)) < 3:
-            continue  # a few digits may be equal by chance, or by an overload
-        key = hashlib.sha256(output.tobytes() + record.temp_c[mine].tobytes()).digest()
-        other = seen.setdefault(key, (run, serial))
-        if other[0] != run:
-            raise InputError(
-                record.source,
-                "",
-                f"run {run!r} serial {serial!r} has the same readings as run {other[0]!r} serial "
-                f"{other[1]!r}; expected a run to stand under one name",
-            )
 
 
 def make_runs(
@@ -250,7 +239,7 @@ def _read_one(path: Path, *, checked: bool) -> RecordedRuns:
             path,
             "",
             f"expected {side.name} beside it with the keys output_unit, gravity_m_s2, "
-            "nominal_scale and, where there are, run_start_utc and mount_deg",
+            "nominal_scale and optionally run_start_utc and mount_deg",
         )
     sidecar = read_toml(side, Sidecar)
     form = TableForm(numbers=number_columns(), texts=TEXTS, required=REQUIRED)
@@ -284,12 +273,14 @@ def join_runs(parts: Sequence[RecordedRuns]) -> RecordedRuns:
             turned = part.mount_deg.get((run, serial), 0.0)
             if mounts.setdefault((run, serial), turned) != turned:
                 raise InputError(
-                    part.source, "", f"run {run!r} serial {serial!r}: mounted otherwise than in "
+                    part.source, "", f"run {run!r} serial {serial!r}: mounted differently in "
                     "another file"
                 )  # fmt: skip
         for run, start in part.run_start_utc.items():
             if starts.setdefault(run, start) != start:
-                raise InputError(part.source, "", f"run {run!r} began at another time elsewhere")
+                raise InputError(
+                    part.source, "", f"run {run!r} has another start time in another file"
+                )
     joined = RecordedRuns(
         run=Labels.join([part.run for part in parts]),
         serial=Labels.join([part.serial for part in parts]),
@@ -331,6 +322,6 @@ def _in_order_of_time(joined: RecordedRuns, parts: Sequence[RecordedRuns]) -> Re
             parts[int(np.searchsorted(ends, row, side="right"))].source,
             "",
             f"run {joined.run.at(row)!r} serial {joined.serial.at(row)!r} time_s "
-            f"{joined.time_s[row]} is in another file too",
+            f"{joined.time_s[row]} is also in another file",
         )
     return joined.take(order)

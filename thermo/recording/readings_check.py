@@ -34,7 +34,7 @@ from errormodel.statistics.robust import robust_sigma, running_median
 from thermo.recording.readings_series import (
     AT_THE_SAME_TIME,
     SENSOR_STEP_C,
-    Series,
+    ReadingSeries,
     all_series,
     expected_output,
     preliminary_model,
@@ -98,8 +98,8 @@ def flag_readings(record: RecordedRuns, place: Callable[[int], str] | None = Non
             structured.append(f"{serial}: {len(found)} of {total}")
     if structured:
         log.warning(
-            "%s: too many readings leave their neighbours to be accidents (%s); none of them is "
-            "left out: the head may still move, or the output settle after a move",
+            "%s: too many readings deviate from their neighbours to be accidental (%s); none of "
+            "them is left out: the head may still move, or the output may settle after a move",
             record.source,
             ", ".join(structured),
         )
@@ -119,7 +119,7 @@ def _no_reading(record: RecordedRuns) -> dict[int, str]:
     return {int(row): "no_reading" for row in np.flatnonzero(none & record.good)}
 
 
-def _flat(one: Series) -> dict[int, str]:
+def _flat(one: ReadingSeries) -> dict[int, str]:
     """Find outputs or temperatures that repeat their digits although they cannot be constant."""
     found: dict[int, str] = {}
     for first, last in _runs_of_equal(one.output, _usual_repeats(one.output, one.place)):
@@ -134,7 +134,7 @@ def _flat(one: Series) -> dict[int, str]:
     return found
 
 
-def _is_clipped(one: Series, extreme: float) -> bool:
+def _is_clipped(one: ReadingSeries, extreme: float) -> bool:
     """Tell whether the readings of a position pile up at the extreme digits of a series."""
     for place in np.unique(one.place[one.output == extreme]):
         mine = one.output[one.place == place]
@@ -149,7 +149,7 @@ def _is_clipped(one: Series, extreme: float) -> bool:
     return False
 
 
-def _pile_up(runs: Sequence[Series], extreme: float) -> bool:
+def _pile_up(runs: Sequence[ReadingSeries], extreme: float) -> bool:
     """Tell whether more readings of all runs have some digits than chance explains."""
     if any(np.any(one.output > extreme) and np.any(one.output < extreme) for one in runs):
         return False  # it is no end of the range
@@ -158,7 +158,7 @@ def _pile_up(runs: Sequence[Series], extreme: float) -> bool:
     return equal >= FEWEST_CLIPPED and repeats ** (equal - 1) < LIKELY_REPEATS
 
 
-def _clipped(runs: Sequence[Series], model: FloatArray) -> dict[int, str]:
+def _clipped(runs: Sequence[ReadingSeries], model: FloatArray) -> dict[int, str]:
     """Find readings at an end of the range, and those that were near enough to be cut off.
 
     Digits that are the end in one run are so in all of them. What is left of a position just below
@@ -181,7 +181,7 @@ def _clipped(runs: Sequence[Series], model: FloatArray) -> dict[int, str]:
     return found
 
 
-def _temperature_outliers(one: Series) -> dict[int, str]:
+def _temperature_outliers(one: ReadingSeries) -> dict[int, str]:
     """Find temperatures that leave what their neighbours do, and come back."""
     if len(one.rows) < FEWEST:
         return {}
@@ -190,7 +190,7 @@ def _temperature_outliers(one: Series) -> dict[int, str]:
     return {int(row): "temperature_outlier" for row in one.rows[bad]}
 
 
-def _output_outliers(one: Series, model: FloatArray) -> dict[int, str]:
+def _output_outliers(one: ReadingSeries, model: FloatArray) -> dict[int, str]:
     """Find outputs that leave the usual curve of their position, and come back with a jump.
 
     A reading far from the running median of its position, taken at visits long ago and to come,
@@ -255,12 +255,12 @@ def _runs_of_equal(values: FloatArray, repeats: float) -> Iterator[tuple[int, in
             yield a, b
 
 
-def _moved_c(one: Series, first: int, last: int) -> float:
+def _moved_c(one: ReadingSeries, first: int, last: int) -> float:
     span = one.temp_c[first : last + 1]
     return float(span.max() - span.min())
 
 
-def _comes_back_elsewhere(one: Series, first: int, last: int) -> bool:
+def _comes_back_elsewhere(one: ReadingSeries, first: int, last: int) -> bool:
     """Tell whether a constant temperature ends in a step that its neighbours do not make."""
     steps = np.abs(np.diff(one.temp_c))
     moving = steps[steps > 0]

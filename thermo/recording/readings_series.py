@@ -23,7 +23,7 @@ ALL = slice(None)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Series:
+class ReadingSeries:
     """The good readings of one accelerometer in one run, in order of time."""
 
     serial: str
@@ -81,12 +81,14 @@ def _columns(temp_c: FloatArray, rate: FloatArray, a_g: FloatArray | None) -> Fl
     return np.hstack([thermal, thermal * a_i[:, None], static])
 
 
-def expected_output(one: Series, model: FloatArray, *, with_rates: bool = True) -> FloatArray:
+def expected_output(
+    one: ReadingSeries, model: FloatArray, *, with_rates: bool = True
+) -> FloatArray:
     """Return what a preliminary model gives, shape (n,), in nominal g.
 
     Parameters
     ----------
-    one : Series
+    one : ReadingSeries
     model : ndarray, shape (p,)
         From `preliminary_model`.
     with_rates : bool
@@ -103,7 +105,7 @@ def expected_output(one: Series, model: FloatArray, *, with_rates: bool = True) 
 
 def all_series(
     record: RecordedRuns, flags: dict[int, str], serial: str | None = None
-) -> Iterator[Series]:
+) -> Iterator[ReadingSeries]:
     """Yield the readings of each accelerometer in each run that are good so far."""
     good = record.good.copy()
     good[list(flags)] = False
@@ -120,7 +122,7 @@ def all_series(
         a_g = None if force is None else force[rows]
         # a run without any temperature was at one temperature
         temp_c = np.nan_to_num(record.temp_c[rows], nan=25.0)
-        yield Series(
+        yield ReadingSeries(
             serial=name,
             rows=rows,
             time_s=record.time_s[rows],
@@ -151,7 +153,7 @@ def _fastest(time_s: FloatArray, temp_c: FloatArray) -> FloatArray:
     return np.array(most)
 
 
-def _rates(one: Series, rows: slice) -> FloatArray:
+def _rates(one: ReadingSeries, rows: slice) -> FloatArray:
     """Return the slopes of some readings, cut to what is usual, shape (n, m)."""
     slopes = np.column_stack(list(_slopes(one.time_s, one.temp_c, rows)))
     return np.clip(slopes, -one.fastest, one.fastest)

@@ -218,7 +218,7 @@ STANDARD: tuple[Signal, ...] = (
     Signal(
         name="x_slow_c",
         unit="°C",
-        sentence="The same without the thermistor's noise.",
+        sentence="The same without the noise of the thermistor.",
         make=lambda at: sealed(at.smooth[0] - at.t_ref_c),
     ),
     Signal(
@@ -251,6 +251,13 @@ STANDARD: tuple[Signal, ...] = (
         sentence="Temperature of the chamber's air.",
         emulated=lambda at: at.temp_c,
     ),
+    Signal(
+        name="chamber_less_case_c",
+        unit="°C",
+        sentence="Temperature of the chamber's air less that of the accelerometer.",
+        make=lambda at: sealed(at.columns["chamber_c"] - at.smooth[0]),
+        columns=("chamber_c",),
+    ),
 )
 signals: InUse[tuple[Signal, ...]] = InUse(STANDARD)
 using_signals = signals.using
@@ -273,7 +280,7 @@ def with_signal_file(file: PythonFile) -> tuple[Signal, ...]:
     taken = {one.name for one in signals()} | RESERVED
     for one in more:
         if one.name in taken or not one.name.isidentifier():
-            problem = f"{one.name!r} is taken or no name; expected another, like supply_v"
+            problem = f"{one.name!r} is in use or not a valid name; expected another, like supply_v"
             raise InputError(file.path, "SIGNALS", problem)
         taken.add(one.name)
     return (*signals(), *more)
@@ -287,9 +294,13 @@ RESERVED = frozenset(
 
 
 def signals_of(at: Conditions) -> dict[str, FloatArray]:
-    """Return every signal that there is of some readings, by name."""
+    """Return every signal that there is of some readings, by name.
+
+    A recorded column that nothing declares any more is one, too: it was asked for in reading.
+    """
     made = {one.name: one.values(at) for one in signals()}
-    return {name: values for name, values in made.items() if values is not None}
+    columns = {name: values for name, values in at.columns.items() if name not in made}
+    return {**columns, **{name: values for name, values in made.items() if values is not None}}
 
 
 def emulated_columns(at: Conditions, names: Sequence[str] | None = None) -> dict[str, FloatArray]:

@@ -42,7 +42,7 @@ def checked_units(record: RecordedRuns, *, trust_units: bool) -> tuple[str, ...]
     """
     doubts = unit_complaints(record)
     if doubts and not trust_units:
-        raise InputError(record.source, "", f"{doubts[0]} (--trust-units takes them as stated)")
+        raise InputError(record.source, "", f"{doubts[0]} (--trust-units accepts them as stated)")
     return doubts
 
 
@@ -100,7 +100,7 @@ def _temperatures(part: RecordedRuns) -> Iterator[str]:
         own, air = part.temp_c[both], part.chamber_c[both]
         as_c, as_f = np.median(np.abs(own - air)), np.median(np.abs((own - 32) / 1.8 - air))
         if as_c > 5.0 and as_f < 0.2 * as_c:
-            yield f"temp_c is {as_c:.0f} °C from chamber_c, and like it in °F: is it in °F?"
+            yield f"temp_c is {as_c:.0f} °C from chamber_c, and agrees with it in °F: is it in °F?"
 
 
 def _in_radians(part: RecordedRuns) -> str:
@@ -140,8 +140,8 @@ def _scale(part: RecordedRuns) -> Iterator[str]:
     elif line.elsewhere > MOST_ELSEWHERE:
         yield (
             f"{100 * line.elsewhere:.0f} % of the readings are more than {ELSEWHERE_G:g} g from "
-            "what their positions give: was the head still moving there, or are the positions "
-            "those of other readings?"
+            f"the input at their positions: was the head still moving, or do the positions "
+            f"belong to other readings?"
         )
 
 
@@ -191,7 +191,7 @@ def _guess(part: RecordedRuns, ratio: float, gravity_m_s2: float) -> str:
     found = f"{ratio * stated.nominal_scale:.3g} {stated.output_unit}/g"
     what = f"the output is {found}, the sidecar's nominal_scale says {stated.nominal_scale:g}"
     if ratio < 0:
-        return f"{what}: is it wired or mounted the other way round?"
+        return f"{what}: is it wired or mounted with reversed polarity?"
     for factor, words in SI_PREFIXES.items():
         if 0.5 < ratio / factor < 2:
             return f"{what}: is output_unit or nominal_scale {words} of what it should be?"

@@ -11,8 +11,9 @@ from errormodel.model import ErrorModel
 from thermo.planning.run_in_rule import RunInRule
 from thermo.recording.channel import Channel, channel_of
 from thermo.recording.files import RecordedRuns
-from thermo.run_in.relaxation import Series
-from thermo.run_in.verdict import MIN_CYCLES, WINDOW, RunInVerdict, judge_run_in
+from thermo.run_in.judge import MIN_CYCLES, WINDOW, judge_run_in
+from thermo.run_in.relaxation import CoefficientSeries
+from thermo.run_in.verdict import RunInVerdict
 from thermo.selection.orders import separable_names, usual_equation
 
 MICRO = 1e6
@@ -86,7 +87,7 @@ def cycle_hours(runs: RecordedRuns, serial: str) -> FloatArray | None:
     return np.array(middles)
 
 
-def cycle_series(runs: RecordedRuns, serial: str, rule: RunInRule) -> tuple[Series, ...]:
+def cycle_series(runs: RecordedRuns, serial: str, rule: RunInRule) -> tuple[CoefficientSeries, ...]:
     """Fit every run of an accelerometer alone, with one and the same model.
 
     Returns
@@ -125,8 +126,10 @@ def _fit(model: ErrorModel, cycle: Channel, source: str) -> ModelFit:
         raise InputError(source, place, str(err)) from None
 
 
-def _series(fits: Sequence[ModelFit], name: str, unit: str, nominal: float, limit: float) -> Series:
-    return Series(
+def _series(
+    fits: Sequence[ModelFit], name: str, unit: str, nominal: float, limit: float
+) -> CoefficientSeries:
+    return CoefficientSeries(
         name=name,
         unit=unit,
         values=MICRO * (np.array([f.value(name) for f in fits]) - nominal),

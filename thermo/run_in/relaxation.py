@@ -33,7 +33,7 @@ KAPPA_SPREAD = 0.15
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Series:
+class CoefficientSeries:
     """Estimates of one coefficient, cycle by cycle, and the change that is acceptable.
 
     Attributes
@@ -67,9 +67,9 @@ class Series:
             raise ValueError(f"{self.name}: estimates must be finite and the limit positive")
         freeze(self, values=values, sigmas=sigmas)
 
-    def first(self, cycles: int) -> "Series":
+    def first(self, cycles: int) -> "CoefficientSeries":
         """Return the series as it was after so many cycles."""
-        return Series(
+        return CoefficientSeries(
             name=self.name,
             unit=self.unit,
             values=self.values[:cycles],
@@ -121,7 +121,7 @@ class Draws:
 class _Grid:
     """The Gaussian posterior under every hypothesis for one series, in limits."""
 
-    series: Series
+    series: CoefficientSeries
     hypotheses: Hypotheses
     shifted: FloatArray  # (n,) estimates less the last one
     mean: FloatArray  # (g, 4)
@@ -227,12 +227,12 @@ def _around(log_near: FloatArray, grid: _Grid) -> FloatArray:
     return np.logaddexp.reduce(log_near + grid.by_kappa, axis=1)
 
 
-def weigh(series: Sequence[Series], law: Law, *, slow: bool = True) -> Relaxing:
+def weigh(series: Sequence[CoefficientSeries], law: Law, *, slow: bool = True) -> Relaxing:
     """Infer the coefficients of one accelerometer under a law.
 
     Parameters
     ----------
-    series : sequence of Series
+    series : sequence of CoefficientSeries
         Of one length; their κ are near one another (`KAPPA_SPREAD`).
     law : {"exponential", "hyperbolic"}
     slow : bool
@@ -256,7 +256,7 @@ def _choose(log_weight: FloatArray, rng: np.random.Generator) -> IntArray:
     return np.asarray((below < level[:, None]).sum(axis=1), dtype=np.intp)
 
 
-def _posterior(series: Series, made: Hypotheses) -> _Grid:
+def _posterior(series: CoefficientSeries, made: Hypotheses) -> _Grid:
     shifted = (series.values - series.values[-1]) / series.limit
     seen = float(np.ptp(shifted))
     size = max(AMPLITUDE_LIMITS, AMPLITUDE_SEEN * seen)

@@ -6,7 +6,7 @@ import numpy as np
 from scipy import stats
 
 from errormodel.arrays import FloatArray
-from thermo.run_in.relaxation import Series
+from thermo.run_in.relaxation import CoefficientSeries
 from thermo.run_in.rivals import law_bend, law_shape
 
 JUMP_SIGMAS, JUMP_TIMES = 4.0, 1.5  # of noise; times what the cycle before changed by
@@ -45,7 +45,7 @@ class DailySwing:
         )
 
 
-def jumps_of(series: Series) -> tuple[Jump, ...]:
+def jumps_of(series: CoefficientSeries) -> tuple[Jump, ...]:
     """Return the changes above the limit that are larger than the one before them.
 
     What relaxes changes by less and less.
@@ -67,12 +67,12 @@ def jumps_of(series: Series) -> tuple[Jump, ...]:
     )
 
 
-def daily_swing(series: Series, hours: FloatArray, kappa: float) -> DailySwing | None:
+def daily_swing(series: CoefficientSeries, hours: FloatArray, kappa: float) -> DailySwing | None:
     """Seek a period of 24 h beside a relaxation and a slow creep (F test of cosine and sine).
 
     Parameters
     ----------
-    series : Series
+    series : CoefficientSeries
     hours : ndarray, shape (n,)
         Time of each cycle, h.
     kappa : float

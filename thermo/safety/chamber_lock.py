@@ -39,7 +39,7 @@ class ChamberHeldError(LinkError):
     def __init__(self, url: str, holder: "Holder") -> None:
         super().__init__(
             f"chamber {url}: held by {holder.sentence}; not commanded. "
-            "`accelbench make-safe STATION.toml --force` makes it safe all the same"
+            "`accelbench make-safe STATION.toml --force` makes it safe in any case"
         )
         self.holder = holder
 
@@ -79,7 +79,7 @@ class Holder:
     @property
     def sentence(self) -> str:
         """The holder in words."""
-        who = f"process {self.pid}" if self.pid else "a process that does not say who it is"
+        who = f"process {self.pid}" if self.pid else "a process that does not identify itself"
         if self.is_guardian:
             guardian = f" {self.guardian_pid}" if self.guardian_pid else ""
             who = f"the guardian{guardian} of the dead process {self.pid}, making it safe"

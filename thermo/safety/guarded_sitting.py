@@ -98,8 +98,8 @@ class Guard:
         patience_s = watchdog_s()
         if patience_s is not None and patience_s < self._limit_s:
             log.warning(
-                "WatchdogSec is %g s, shorter than the %g s that the controller may be silent; "
-                "expected a longer one",
+                "WatchdogSec is %g s, shorter than the silence limit of %g s; expected a longer "
+                "one",
                 patience_s,
                 self._limit_s,
             )
@@ -114,7 +114,7 @@ class Guard:
             If the guardian has taken over, or none was started.
         """
         if self._guardian is None:
-            raise FencedError("no guardian stands by; the chamber is not commanded")
+            raise FencedError("there is no guardian; the chamber is not commanded")
         self._look_at_fence(self._guardian)
         self._beat(self._guardian)
         self.commanded = True
@@ -262,7 +262,7 @@ class Guard:
             try:
                 current = Guardian(self._charge, self._lock)
             except LinkError as err:
-                log.error("the chamber is left as it is: %s", err)
+                log.error("the chamber is not changed: %s", err)
                 return
         log.error("the chamber is left to the guardian, process %d", current.pid)
         current.leave_to_it()
@@ -274,7 +274,7 @@ class Guard:
         else:
             current.leave_to_it()
         record = read_record(current.result_path)
-        told = record.text if record is not None else "it has left no result"
+        told = record.text if record is not None else "it has written no result"
         verified = record is not None and record.verified
         return SafeResult(verified=verified, steps=(self.taken_over, told), commanded=False)
 
@@ -298,7 +298,7 @@ def take_lock(chamber: ChamberConfig, *, patience_s: float = PATIENCE_S) -> Cham
         and is_alive(note.guardian_pid, note.guardian_start)
         and process_state(note.guardian_pid)[0] == "stopped"
     ):
-        log.warning("the guardian, process %d, was stopped; it goes on now", note.guardian_pid)
+        log.warning("the guardian, process %d, was stopped; it continues now", note.guardian_pid)
         with contextlib.suppress(OSError):
             os.kill(note.guardian_pid, signal.SIGCONT)
     return ChamberLock.take(chamber, patience_s=patience_s)

@@ -170,7 +170,7 @@ class GuardianWatch:
             if self._left:
                 return "the controller could not make the chamber safe and left it to the guardian"
             if self._gone:
-                return "the controller was gone without having made the chamber safe"
+                return "the controller ended without making the chamber safe"
             silent_s = time.monotonic() - self._heard_s
             if silent_s >= limit_s:
                 self._listen(0.0)  # it may have spoken while this process was not let run
@@ -295,7 +295,7 @@ class GuardianWatch:
             log.error("%s: %s", self._charge.result_path, err)
 
 
-def main() -> int:
+def run_guardian() -> int:
     """Watch over one controller; the channel to it is standard input.
 
     Returns
@@ -321,4 +321,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(run_guardian())

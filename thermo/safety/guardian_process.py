@@ -162,13 +162,15 @@ class Guardian:
         """Trouble with it as far as has been heard; empty when there is none."""
         now_s = time.monotonic()
         if self.gone:
-            return f"the guardian, process {self.pid}, is gone" + (
+            return f"the guardian, process {self.pid}, has ended" + (
                 f": {self.refusal}" if self.refusal else ""
             )
         if not self.ready:
             return "a guardian did not start" if now_s - self.began_s > START_S else ""
         if self._unanswered_s is not None and now_s - self._unanswered_s > ANSWER_S:
-            return f"the guardian, process {self.pid}, answers no beat (stopped or hung)"
+            return (
+                f"the guardian, process {self.pid}, does not answer the heartbeat (stopped or hung)"
+            )
         return ""
 
     def see_fence(self) -> None:
@@ -183,7 +185,7 @@ class Guardian:
         try:
             self._process.wait(LEAVE_S)
         except subprocess.TimeoutExpired:
-            log.warning("the guardian does not leave; it is ended")
+            log.warning("the guardian does not exit; it is killed")
             self.kill()
         self.hear()  # whether it took over before it could read that
         self._channel.close()

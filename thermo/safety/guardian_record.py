@@ -132,11 +132,9 @@ def read_record(path: Path, test_id: str = "") -> GuardianRecord | None:
     phase, alive = str(newest.get("phase", "")), is_alive(pid, start)
     why = str(newest["why"])
     if phase == "watching" and not alive:
-        why = "the guardian died with its controller; nobody has made the chamber safe since"
+        why = "the guardian died with its controller; the chamber has not been made safe since"
     steps = "; ".join(str(step) for step in newest["steps"])
-    still = (
-        f", process {pid} goes on trying" if alive and phase in ("taking over", "trying") else ""
-    )
+    still = f", process {pid} keeps trying" if alive and phase in ("taking over", "trying") else ""
     return GuardianRecord(
         test_id=str(newest.get("test_id", test_id)) or test_id,
         path=path,

@@ -137,7 +137,7 @@ def select_model(channel: Channel) -> Selection:
     )
 
 
-def scaled(selection: Selection, k1: float) -> Selection:
+def referred_to_input(selection: Selection, k1: float) -> Selection:
     """Return a selection with its residuals referred to the input by a scale factor k1."""
     trials = tuple(
         replace(t, residual_ug=t.residual_ug / k1, heldout_ug=t.heldout_ug / k1)
@@ -222,14 +222,17 @@ def _pieces(channel: Channel, full: ErrorModel) -> tuple[list[slice], str]:
     runs = record.run
     count = int(runs[-1]) + 1
     if count == 1:
-        return _tenths(channel), "each tenth of the one run in turn, for want of a second run"
+        return _tenths(channel), "each tenth of the run in turn, because there is no second run"
     start = full.start_values()
     for number in range(count):
         rest = np.flatnonzero(runs != number)
         rest = rest[:: max(1, rest.size // EXAMINED)]
         if examine(full, record.take(rest), start).confounded:
             lone = channel.run_ids[number]
-            return _tenths(channel), f"each tenth of the readings in turn: run {lone} has no like"
+            return (
+                _tenths(channel),
+                f"each tenth of the readings in turn: run {lone} has no comparable run",
+            )
     return list(channel.record.run_slices), EACH_RUN
 
 

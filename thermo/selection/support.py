@@ -54,13 +54,13 @@ def support_of(channel: Channel) -> Support:
     rate = channel.record["rate_c_per_min"]
     known = {n: channel.record[n] for n in FORCES} if channel.has_input else {}
     return Support(
-        temp_c=intervals(channel.temp_c),
+        temp_c=temperature_intervals(channel.temp_c),
         rate_c_per_min=(float(rate.min()), float(rate.max())),
         force_g={n: (float(a.min()), float(a.max())) for n, a in known.items()},
     )
 
 
-def intervals(temp_c: FloatArray) -> tuple[tuple[float, float], ...]:
+def temperature_intervals(temp_c: FloatArray) -> tuple[tuple[float, float], ...]:
     """Return the intervals of temperature with readings, cut where a gap is too wide."""
     levels = np.unique(temp_c)
     widest = max(GAP_SHARE * float(levels[-1] - levels[0]), LEAST_GAP_C)

@@ -7,12 +7,8 @@ import numpy as np
 
 from errormodel.arrays import FloatArray, IntArray
 from errormodel.columns import derivative
-from errormodel.statistics.variance import (
-    RandomFactor,
-    VarianceFit,
-    degrees_of_freedom,
-    fit_components,
-)
+from errormodel.statistics.variance import RandomFactor, VarianceFit, fit_components
+from errormodel.statistics.variance_design import stratum_degrees_of_freedom
 from thermo.library.effects import MICRO
 from thermo.recording.channel import HOLD
 from thermo.selection.residuals import MIN_READINGS
@@ -24,9 +20,9 @@ MAX_POSITIONS = 36  # more angles than these are no positions that repeat
 FACTORS = {
     "accelerometer": "one accelerometer's K0 differs from another's",
     "run": "a run of an accelerometer differs from its other runs",
-    "direction": "heating differs from cooling, alike in all runs of an accelerometer",
+    "direction": "heating differs from cooling equally in all runs of an accelerometer",
     "run_direction": "a direction of a run differs from that of other runs: drift within a run",
-    "position": "a position of the head differs from others, alike in all runs",
+    "position": "a position of the head differs from others equally in all runs",
     "noise": "the rest, of the mean of a cell of run, direction and position",
 }
 
@@ -106,7 +102,7 @@ def variance_components(
     cells = cells_of(batch, events)
     kept: list[RandomFactor] = []
     for factor in _candidates(cells):
-        if min(degrees_of_freedom([*kept, factor], cells.error_ug.size)) >= 1:
+        if min(stratum_degrees_of_freedom([*kept, factor], cells.error_ug.size)) >= 1:
             kept.append(factor)
     if not kept or not np.any(np.diff(cells.error_ug)):
         return None

@@ -39,8 +39,8 @@ class CommonEvent:
     def sentence(self) -> str:
         """The event in one line."""
         return (
-            f"run {self.run_id}: {self.coefficient} of all {len(self.shifts)} accelerometers moved "
-            f"together by {self.shift:+.3g} ± {self.sigma:.2g} {self.unit} (p = "
+            f"run {self.run_id}: {self.coefficient} of all {len(self.shifts)} accelerometers "
+            f"shifted together by {self.shift:+.3g} ± {self.sigma:.2g} {self.unit} (p = "
             f"{self.p_value:.1g}): station, remount or supply; not counted as their own"
         )
 

@@ -37,11 +37,11 @@ from thermo.stability.limits import (
     LimitsFile,
     Verdict,
     grades_of,
-    intervals,
+    intervals_between_runs,
     verdict_of,
 )
 from thermo.stability.noise import LOOPS_DIFFER
-from thermo.stability.notes import LeftOut, comparable, notes_of
+from thermo.stability.notes import LeftOutRun, comparable, notes_of
 from thermo.stability.patterns import Loops, Pattern, loops_of, patterns_of
 from thermo.stability.runs import RunByRun, fit_run_by_run
 from thermo.stability.shape import Shape, shape_of
@@ -137,7 +137,7 @@ class Stability:
     limits : LimitsFile
     events : tuple of CommonEvent
         Runs in which all accelerometers moved together.
-    left_out : tuple of LeftOut
+    left_out : tuple of LeftOutRun
         Accelerometers, or runs of them, that could not be compared.
     """
 
@@ -149,7 +149,7 @@ class Stability:
     at_c: tuple[float, ...]
     limits: LimitsFile
     events: tuple[CommonEvent, ...]
-    left_out: tuple[LeftOut, ...]
+    left_out: tuple[LeftOutRun, ...]
 
     @property
     def failed(self) -> bool:
@@ -196,7 +196,7 @@ def judge_stability(
     wanted = wanted.model_copy(update={"t_ref_c": temperatures[0], "head_arcsec": 0.0})
     order, by_time = _order(usable)
     spans_s = _spans_s(usable)
-    between = intervals(order, asked.between, usable.run_start_utc, spans_s)
+    between = intervals_between_runs(order, asked.between, usable.run_start_utc, spans_s)
     with stage(0.0, 0.4):
         fits = fit_runs(usable, terms=wanted, at_one_temperature=True)
     with stage(0.4, 0.8):
@@ -286,7 +286,7 @@ def _judge(
         grade_best=possible,
         rank=0,
         notes=(
-            *(f"limit of {n}: its runs give nothing to hold against it" for n in missing),
+            *(f"limit of {n}: its runs give no value to compare with it" for n in missing),
             *notes_of(one, temperatures),
         ),
     )

@@ -159,7 +159,7 @@ class Interval:
         return f"{text}; {self.note}" if self.note else text
 
 
-def intervals(
+def intervals_between_runs(
     order: Sequence[str],
     stated: Sequence[Between],
     starts: Mapping[str, datetime],

@@ -17,7 +17,7 @@ import numpy as np
 from scipy import stats
 
 from errormodel.arrays import FloatArray, IntArray
-from errormodel.fit import expected_covariance
+from errormodel.covariance import expected_covariance
 from errormodel.model import ErrorModel
 from errormodel.noise.drift_or_white import estimate_noise
 from errormodel.noise.model import NoiseFit, NoiseModel

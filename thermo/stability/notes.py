@@ -7,14 +7,14 @@ import numpy as np
 
 from errormodel.errors import InputError
 from thermo.recording.files import RecordedRuns
-from thermo.stability.runs import MIN_READINGS, RunByRun, followed
+from thermo.stability.runs import MIN_READINGS, RunByRun, residual_factors
 
 NOISIER = 1.5  # times the noise of a run with the least, from which it is told
 SLOW = 1.0  # of a run's length: a drift with a longer time constant looks like a step between runs
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class LeftOut:
+class LeftOutRun:
     """An accelerometer (`run_id` None) or one run of it that is not compared, and why."""
 
     serial: str
@@ -28,7 +28,7 @@ class LeftOut:
         return f"{self.serial}{run}: left out, {self.reason}"
 
 
-def comparable(runs: RecordedRuns) -> tuple[RecordedRuns, tuple[LeftOut, ...]]:
+def comparable(runs: RecordedRuns) -> tuple[RecordedRuns, tuple[LeftOutRun, ...]]:
     """Return the accelerometers that have two runs to compare, and what is left out.
 
     Raises
@@ -36,7 +36,7 @@ def comparable(runs: RecordedRuns) -> tuple[RecordedRuns, tuple[LeftOut, ...]]:
     InputError
         If nothing is left.
     """
-    left_out: list[LeftOut] = []
+    left_out: list[LeftOutRun] = []
     keep = np.zeros(len(runs), dtype=bool)
     for k, serial in enumerate(runs.serials):
         mine = (runs.serial.codes == k) & runs.good
@@ -44,7 +44,7 @@ def comparable(runs: RecordedRuns) -> tuple[RecordedRuns, tuple[LeftOut, ...]]:
         enough = np.flatnonzero(counts >= MIN_READINGS)
         short = np.flatnonzero((counts > 0) & (counts < MIN_READINGS))
         left_out += [
-            LeftOut(
+            LeftOutRun(
                 serial=serial,
                 run_id=runs.run_ids[int(r)],
                 reason=f"{counts[r]} good readings; a run needs {MIN_READINGS} at least",
@@ -55,7 +55,7 @@ def comparable(runs: RecordedRuns) -> tuple[RecordedRuns, tuple[LeftOut, ...]]:
             keep |= (runs.serial.codes == k) & np.isin(runs.run.codes, enough)
         else:
             reason = f"{enough.size} run with good readings; run-to-run stability needs two or more"
-            left_out.append(LeftOut(serial=serial, run_id=None, reason=reason))
+            left_out.append(LeftOutRun(serial=serial, run_id=None, reason=reason))
     if not np.any(keep):
         said = "; ".join(o.reason for o in left_out if o.run_id is None)
         raise InputError(runs.source, f"serial {', '.join(runs.serials)}", said)
@@ -65,7 +65,7 @@ def comparable(runs: RecordedRuns) -> tuple[RecordedRuns, tuple[LeftOut, ...]]:
 def notes_of(one: RunByRun, temperatures: Sequence[float]) -> tuple[str, ...]:
     """Say what a reader of an accelerometer's figures must know."""
     notes = [
-        f"run {r.run_id} cannot give {', '.join(r.held)}: held as of all runs"
+        f"run {r.run_id} cannot determine {', '.join(r.held)}: held as of all runs"
         for r in one.runs
         if r.held
     ]
@@ -79,12 +79,13 @@ def notes_of(one: RunByRun, temperatures: Sequence[float]) -> tuple[str, ...]:
         if low <= high and not low <= t <= high
     ]
     if not one.joint.channel.has_input:
-        notes.append("the input is not recorded: K0 holds it too, and K1 cannot be had")
+        notes.append("the input is not recorded: K0 includes it, and K1 cannot be fitted")
     if not one.scale_fitted:
-        notes.append("no K1 was fitted: µg are over the nominal scale factor")
+        notes.append("no K1 was fitted: values in µg use the nominal scale factor")
     least = min(one.noise_ratios.values())
     notes += [
-        f"run {r} is {ratio / least:.2g} times as noisy as the quietest one; its sigmas say so"
+        f"run {r} is {ratio / least:.2g} times as noisy as the quietest one; its sigmas include "
+        f"this"
         for r, ratio in one.noise_ratios.items()
         if ratio > NOISIER * least
     ]
@@ -94,8 +95,9 @@ def notes_of(one: RunByRun, temperatures: Sequence[float]) -> tuple[str, ...]:
     tau_s, drift_ug = one.noise.drift_tau_s, 1e6 * one.noise.drift
     if drift_ug > 0.0 and tau_s > SLOW * min(spans):
         notes.append(
-            f"a drift of {drift_ug:.2g} µg with a time constant of {tau_s / 3600:.2g} h goes on "
-            "within the runs: drift so slow cannot be told from a difference between runs"
+            f"a drift of {drift_ug:.2g} µg with a time constant of {tau_s / 3600:.2g} h is "
+            f"present within the runs: drift so slow cannot be separated from a difference "
+            f"between runs"
         )
     return tuple(notes)
 
@@ -107,10 +109,10 @@ def _hidden(one: RunByRun, least: float) -> Iterator[str]:
     for run in one.runs:
         if one.noise_ratios[run.run_id] > NOISIER * least:
             continue
-        if found := followed(one, run)[:1]:
+        if found := residual_factors(one, run)[:1]:
             yield (
                 f"run {run.run_id} still follows {found[0].words} ({found[0].rms_ug:.3g} µg rms, "
-                f"{found[0].sigmas:.2g} sigma), which the noise of the others hid from the model "
-                "chosen on all runs: its coefficients are off by more than their sigmas; compare "
-                "the quiet runs without the noisy ones"
+                f"{found[0].sigmas:.2g} sigma), which the noise of the others hid when the model "
+                f"was selected: its coefficients are wrong by more than their sigmas; compare "
+                f"the quiet runs without the noisy ones"
             )

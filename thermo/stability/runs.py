@@ -191,7 +191,7 @@ def fit_run_by_run(joint: AccelerometerFit, order: Sequence[str]) -> RunByRun:
     )
 
 
-def followed(one: RunByRun, run: RunFit) -> tuple[LeftOut, ...]:
+def residual_factors(one: RunByRun, run: RunFit) -> tuple[LeftOut, ...]:
     """Return what a run's residual still follows, beyond the model chosen on all runs alike."""
     channel, model = one.joint.channel, one.joint.fit.model
     part = channel.take(channel.runs_mask((run.run_id,)))
@@ -214,7 +214,7 @@ def _free_model(model: ErrorModel, part: Channel, serial: str) -> ErrorModel:
     found = _separable(model, part.record)
     if "k0" not in found.names:
         place = f"serial {serial} run {part.run_ids[0]}"
-        raise InputError("recorded runs", place, "cannot give K0; the model needs the term k0")
+        raise InputError("recorded runs", place, "cannot determine K0; the model needs the term k0")
     return found
 
 

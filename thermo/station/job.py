@@ -1,4 +1,4 @@
-"""A test resolved before anything is opened: what to do, on which station, into which store."""
+"""A test resolved before anything is opened: sequence, station and store."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,18 +14,18 @@ from thermo.store.store import Store
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Job:
-    """A test to be run, or to go on with. `make_job` and `make_resumed_job` make it.
+    """A test to run or to resume, made by `make_job` or `make_resumed_job`.
 
     Attributes
     ----------
     plan : Plan
         The sequence on the station, checked.
     store_url : str
-        A file name or a database's URL.
+        A file name or the URL of a database.
     resume : str or None
-        The test to go on with; where, is found once its claim is held.
+        The test to resume; the resume point is found once its claim is held.
     emulated : bool
-        Whether the station is the emulated one that goes with the sequence.
+        True if the station is the emulated one of the sequence.
     """
 
     plan: Plan
@@ -44,7 +44,7 @@ class Job:
         return self.plan.station
 
     def served_at(self, station: StationConfig) -> "Job":
-        """Return the job on its station, the instruments of which are reached at other URLs."""
+        """Return the job with other URLs for the instruments of its station."""
         return replace(self, plan=replace(self.plan, station=station))
 
 
@@ -62,7 +62,7 @@ def make_job(
     sequence : Sequence
     store_url : str or path
     station : StationConfig, optional
-        The emulated station that goes with the sequence if not given.
+        By default the emulated station of the sequence.
     source : str
         The sequence's file, for messages.
 
@@ -73,7 +73,7 @@ def make_job(
     Raises
     ------
     InputError
-        When the station cannot do what the sequence asks, with the numbers.
+        If the station cannot run the sequence; the message gives the numbers.
     """
     plan = make_plan(sequence, station or default_station(sequence), source)
     return Job(plan=plan, store_url=str(store_url), emulated=station is None)
@@ -87,17 +87,17 @@ def make_resumed_job(
     sequence: Sequence | None = None,
     source: str = "the sequence given",
 ) -> Job:
-    """Plan what is left of a test, from its store.
+    """Plan the remainder of a test from its store.
 
     Parameters
     ----------
     test_id : str
     store_url : str or path
     station : StationConfig, optional
-        The one the test was begun on if not given. Emulated instruments went with their process:
-        the station that goes with the sequence is made anew.
+        By default the station of the test. Emulated instruments ended with their process, so the
+        emulated station of the sequence is created again.
     sequence : Sequence, optional
-        To be checked: the one the test was begun with.
+        For a check: must equal the sequence of the test.
     source : str
         Its file, for messages.
 
@@ -108,9 +108,9 @@ def make_resumed_job(
     Raises
     ------
     InputError
-        If there is no such store, or the station cannot do what the sequence asks.
+        If there is no such store, or the station cannot run the sequence.
     StoreError
-        If the store cannot be read, does not know the test, or it was begun with another sequence.
+        If the store cannot be read, does not know the test, or the test has another sequence.
     """
     with open_existing_store(store_url) as store:
         return resumed_job_in(
@@ -127,13 +127,11 @@ def resumed_job_in(
     sequence: Sequence | None = None,
     source: str = "the sequence given",
 ) -> Job:
-    """Do what `make_resumed_job` does in a store that is open."""
+    """Plan the remainder of a test from an open store."""
     test = store.test(test_id)
     stored = parse_sequence(test.sequence_toml, f"test {test_id}")
     if sequence is not None and sequence != stored:
-        raise StoreError(
-            f"{source}: is another sequence than the one test {test_id} was begun with"
-        )
+        raise StoreError(f"{source}: is a different sequence from that of test {test_id}")
     emulated = False
     if station is None:
         made = default_station(stored)

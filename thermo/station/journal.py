@@ -1,4 +1,4 @@
-"""Journal of a test: first into the store, then to the observers, in that order always."""
+"""Journal of a test: each entry goes first into the store, then to the observers."""
 
 import logging
 import os
@@ -14,7 +14,7 @@ log = logging.getLogger(__name__)
 
 
 def clock_identity(clock: Clock) -> str:
-    """Name a clock's time base: two clocks of one name agree on the time, in any process."""
+    """Return the name of a clock's time base: clocks with one name agree in all processes."""
     speed = getattr(clock, "speed", None)
     if speed is None:  # it lives in this object and nowhere else
         return f"{type(clock).__name__} {os.getpid()}.{id(clock)}"
@@ -34,7 +34,7 @@ class Journal:
         self.run = 0
         self.start_s = clock.now_s()
         self.readings = self.flagged = self.skipped = 0
-        self.complaints: list[str] = []  # why the test is not to be trusted as it is
+        self.complaints: list[str] = []  # reasons not to trust the test
         self._observers = observers
         self._clock = clock
 
@@ -54,18 +54,18 @@ class Journal:
         self._observers.tell(lambda observer: observer.on_event(event))
 
     def complain(self, text: str) -> None:
-        """Keep a reason why the test, should it run to its end, is not to be trusted as it is."""
+        """Record a complaint: a reason not to trust a test that runs to its end."""
         if text not in self.complaints:
             self.complaints.append(text)
 
     def progress(self, progress: Progress) -> None:
-        """Show how far the test is; nothing is stored but that a display was lost."""
+        """Show the progress; only the loss of a display is stored."""
         self._observers.tell(lambda observer: observer.on_progress(progress))
         for reason in self._observers.newly_lost():
-            self.event("display lost", f"{reason}; the test goes on without it")
+            self.event("display lost", f"{reason}; the test continues without it")
 
     def schedule(self, *, shift_s: float, segment: int, attempt: int) -> None:
-        """Store where the schedule stands, for a resumption."""
+        """Store the state of the schedule for a resumption."""
         mark = ScheduleMark(
             start_clock_s=self.start_s,
             shift_s=shift_s,

@@ -69,7 +69,7 @@ class InstrumentLostError(EndedError):
 
 
 class ThermistorLostError(InstrumentLostError):
-    """An accelerometer's own temperature is not known any more, so nothing limits it."""
+    """The temperature of an accelerometer is not known any more, so its limit does not protect."""
 
     kind: Kind = "sensor"
 
@@ -86,17 +86,17 @@ class TestInterruptedError(EndedError):
 
 
 class InterferedError(Exception):
-    """Somebody changed the chamber, the test stood back, and is to bring it back now.
+    """Somebody changed the chamber, the test paused, and must now bring it back.
 
     Parameters
     ----------
     began_s : float
-        When the test stood back, s on its clock.
+        Start of the pause, s on its clock.
     """
 
     def __init__(self, began_s: float) -> None:
         self.began_s = began_s
-        super().__init__("the chamber was changed by somebody else")
+        super().__init__("somebody else changed the chamber")
 
 
 class ChamberOccupiedError(WorkbenchError):
@@ -105,7 +105,7 @@ class ChamberOccupiedError(WorkbenchError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Event:
-    """Something worth keeping with the run; `run` is 0 outside of any."""
+    """An event that is stored with the run; `run` is 0 outside of any run."""
 
     run: int
     time_s: float
@@ -134,7 +134,7 @@ class Progress:
 class Decision:
     """Decision on a test after a run; `lines` are stored as events of the kind `kind`.
 
-    `reason` is that of the test's end, should it end here.
+    `reason` is the reason of the end of the test, if it ends here.
     """
 
     stop: bool = False
@@ -147,10 +147,10 @@ GO_ON = Decision()
 
 
 class Observer(Protocol):
-    """Somebody who watches a test; what goes wrong in it never stops the test.
+    """Observer of a test; its errors never stop the test.
 
-    It is called in the test's own thread and returns at once: what may take its time, or wait for
-    anybody, is wrapped in a `thermo.station.observers.detached.DetachedObserver`.
+    It is called in the thread of the test and must return at once. Wrap an observer that may be
+    slow or wait in a `thermo.station.observers.detached.DetachedObserver`.
     """
 
     def on_reading(self, run: int, rows: Sequence[ReadingRow]) -> None:
@@ -158,7 +158,7 @@ class Observer(Protocol):
         ...
 
     def on_progress(self, progress: Progress) -> None:
-        """See how far the test is."""
+        """Receive the progress of the test."""
         ...
 
     def on_event(self, event: Event) -> None:
@@ -168,7 +168,7 @@ class Observer(Protocol):
 
 @runtime_checkable
 class CanBeLost(Protocol):
-    """An observer that shows a test to somebody, and knows when it no longer can."""
+    """An observer that displays a test and reports if it no longer can."""
 
     @property
     def lost(self) -> str:
@@ -177,7 +177,7 @@ class CanBeLost(Protocol):
 
 
 class Observers:
-    """Tells every observer; the first failure of each is logged and no more is heard of it."""
+    """Calls every observer; one that fails is logged and not called again."""
 
     def __init__(self, observers: Sequence[Observer]) -> None:
         self._observers = tuple(observers)
@@ -185,7 +185,7 @@ class Observers:
         self._displays = [o for o in self._observers if isinstance(o, CanBeLost)]
 
     def newly_lost(self) -> list[str]:
-        """Return why displays were lost since this was last asked."""
+        """Return the reasons of displays lost since the last call."""
         lost = [display for display in self._displays if display.lost]
         self._displays = [display for display in self._displays if display not in lost]
         return [display.lost for display in lost]
@@ -198,14 +198,14 @@ class Observers:
             except Exception:
                 if id(observer) not in self._failed:
                     self._failed.add(id(observer))
-                    log.warning("an observer failed; the test goes on", exc_info=True)
+                    log.warning("an observer failed; the test continues", exc_info=True)
 
 
 class RunControl:
-    """The operator's hand on a running test; every method may be called from any thread.
+    """The operator's control of a running test; every method may be called from any thread.
 
-    `abort` may be called from a signal handler: it only sets what the procedure looks at between
-    two steps, so that nothing is ever torn.
+    `abort` may be called from a signal handler: it only sets a flag that the procedure checks
+    between two steps, so no operation is interrupted.
     """
 
     def __init__(self) -> None:
@@ -220,7 +220,7 @@ class RunControl:
         self._paused.set()
 
     def resume(self) -> None:
-        """Go on after a pause, by the sequence's rule for gaps."""
+        """Resume after a pause, by the sequence's rule for gaps."""
         self._paused.clear()
 
     def abort(self, reason: str = "aborted by the operator", kind: Kind = "aborted") -> None:
@@ -238,7 +238,7 @@ class RunControl:
 
     @property
     def paused(self) -> bool:
-        """True when the test is to stand still."""
+        """True while the test must pause."""
         return self._paused.is_set()
 
     @property
@@ -265,10 +265,10 @@ class TestOutcome:
     reason : str
         One line.
     safe : SafeResult
-        What was done to the chamber at the end, and what reading back showed; nothing was where
-        this sitting never commanded it (`safe.commanded` is False).
+        Commands to the chamber at the end and the values read back; none if this session never
+        commanded it (`safe.commanded` is False).
     head_stopped : bool
-        Whether the head stands; it was told to stop only if this sitting had sent it anywhere.
+        True if the head does not move; it was commanded to stop only if this session had moved it.
     readings, skipped, flagged : int
         Stored readings of this session, slots without any, and readings stored with a flag.
     complaints : tuple of str
@@ -276,7 +276,7 @@ class TestOutcome:
     kind : Kind
         Of the alarm that tells of the end.
     store_note : str
-        Where readings are that are not in the store (yet), a line; empty: they are all there.
+        One line on the place of readings that are not yet in the store; empty if all are stored.
     """
 
     __test__ = False  # not a test case, whatever pytest thinks of the name

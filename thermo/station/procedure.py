@@ -1,4 +1,4 @@
-"""A chamber test from its beginning to its safe end, over any instruments and any clock."""
+"""A chamber test from its beginning to its safe end, with any instruments and any clock."""
 
 import logging
 import platform
@@ -60,13 +60,13 @@ def run_test(
     take_over: bool = False,
     heartbeat: Heartbeat = no_heartbeat,
 ) -> TestOutcome:
-    """Run a test, or go on with an interrupted one.
+    """Run a test or resume an interrupted one.
 
     However it ends (at its end, by a limit, a lost instrument, the operator, a signal or any
     exception), the chamber is put into its safe condition and that is verified, the head is
-    stopped, and both are stored with the test. What this sitting has not commanded is not
-    written to: a resumed test too takes charge of the chamber with its first command. Signals are
-    the caller's business: turn them into `RunControl.abort`, as
+    stopped, and both are stored with the test. Nothing is written to an instrument that this
+    session has not commanded; a resumed test also takes control of the chamber with its first
+    command. The caller must convert signals into `RunControl.abort`, as
     `thermo.launch.real.run_on_station` does.
 
     Parameters
@@ -78,18 +78,18 @@ def run_test(
     store : Store
         The job's store, open.
     clock : Clock
-        The one the station lives in.
+        The clock of the station.
     observers : sequence of Observer
     control : RunControl, optional
-        The operator's hand.
+        The operator's control.
     before_command : callable, optional
-        Called with the test's id before the chamber is told anything; what it raises ends the
-        test. The guardian is started here.
+        Called with the identifier of the test before the first command to the chamber; an exception
+        ends the test. The guardian is started here.
     take_over : bool
-        Whether a chamber that somebody else uses is taken over; it is an event of the test.
+        True to take over a chamber in use; this is recorded as an event.
     heartbeat : callable
-        Called around every call of an instrument, in every slice of a wait and in the clean-up.
-        What it raises ends the test; what it returns becomes events.
+        Called around every call of an instrument, in every slice of a wait and in the clean-up. An
+        exception ends the test; returned lines become events.
 
     Returns
     -------
@@ -102,10 +102,10 @@ def run_test(
     ChamberOccupiedError
         When somebody else uses the chamber; nothing was commanded or stored.
     RecognitionError
-        When the chamber's controller is not the station file's; nothing was commanded or stored.
+        If the controller does not agree with the station file; nothing was commanded or stored.
     """
     point: ResumePoint | None = ResumePoint(run=1)
-    if job.resume is not None:  # before any instrument is asked anything
+    if job.resume is not None:  # before any query to an instrument
         point = find_resume_point(store, job.resume, job.plan, clock)
     test = _Test(
         job, point, station, store, clock, Observers(observers), control or RunControl(), heartbeat
@@ -114,7 +114,7 @@ def run_test(
 
 
 class _Test:
-    """One sitting, from the first question to an instrument to the safe end."""
+    """One session, from the first query of an instrument to the safe end."""
 
     def __init__(
         self,
@@ -152,7 +152,7 @@ class _Test:
                 before_command(self._test_id)
                 if self._point is not None:
                     runs.do(self._point, rest_first=self._resumed and self._point.run > 1)
-                session.commanded = True  # the safe end belongs to the test, whatever was left
+                session.commanded = True  # the safe end is part of every test
                 end.status = "finished"
         finally:
             # also on the way of an exception that nobody above expected
@@ -161,7 +161,7 @@ class _Test:
 
     @contextmanager
     def _telling(self, end: _End) -> Generator[None]:
-        """Make an exception the reason of the end; what says that nothing was begun goes on."""
+        """Make an exception the reason of the end; re-raise if nothing was begun."""
         try:
             yield
         except ChamberOccupiedError as err:
@@ -179,14 +179,14 @@ class _Test:
             end.status, end.reason = "failed", one_line(err)
             end.kind = "store" if isinstance(err, StoreError) else "link lost"
         except Exception as err:
-            log.exception("the test ends by an error of the program")
+            log.exception("the test ended because of an error of the program")
             end.status, end.reason = "failed", f"{type(err).__name__}: {one_line(err)}"
             end.kind = "program error"
 
     # ---- the beginning ----
 
     def _occupation(self, *, take_over: bool) -> tuple[str, ...]:
-        """Return what the chamber is found to do; raise when it may be somebody else's."""
+        """Return the state of the chamber; raise if it may be in use by somebody else."""
         occupied = self._station.chamber.read_occupation()
         if not occupied or take_over:
             return occupied
@@ -265,9 +265,9 @@ class _Test:
         )
 
     def _record(self, end: _End, safe: SafeResult) -> str:
-        """Store how the test ended, and return why; a store that refuses becomes part of that."""
+        """Store the end of the test and return its reason, including a refusal by the store."""
         session = self._session
-        if session is None:  # it was not begun, or is what it was before it was to be resumed
+        if session is None:  # it was not begun, or is unchanged since before the resumption
             if self._resumed:
                 self._store.claim(self._test_id).release()
             return end.reason

@@ -1,7 +1,7 @@
 """Checks on a running test's readings that show faults of its instruments.
 
-A head that does not turn, a meter that repeats itself and readings that are missing or flagged do
-not end a test: they are told at once, and again at its end.
+A head that does not turn, a meter that repeats itself, and missing or flagged readings do not end a
+test. They are reported at once and again at its end.
 """
 
 import math
@@ -13,25 +13,25 @@ from thermo.planning.plan import Plan
 from thermo.store.records import ReadingRow
 from thermo.store.store import Store
 
-OFF_POSITION_DEG = 0.5  # a head this far from where it was sent is not there
-HEAD_STUCK = 3  # readings away from where it was sent, while it stayed where it was
+OFF_POSITION_DEG = 0.5  # a head this far from the commanded angle has not arrived
+HEAD_STUCK = 3  # readings away from the commanded angle while it did not move
 
 # Between two readings whose specific force differs by this, a working output differs by a
-# hundredth of its scale factor: a misalignment of 1 mrad takes away a fifth of that at most, and
-# the rest is a thousand steps of a meter of 6½ digits. One repetition cannot be by chance.
+# hundredth of its scale factor: a misalignment of 1 mrad reduces this by a fifth at most, and the
+# rest is a thousand steps of a 6½-digit meter. A repetition cannot be due to chance.
 STEP_G = 0.01
 # A chamber needs 12 s at least for 1 °C (5 °C/min). An inside that is two lags of 300 s behind it
 # has then moved by 12²/(2·300²) °C = 0.8 m°C, thirty steps of a meter that reads 10 kΩ to 10 mΩ.
 STEP_C = 1.0
 REPEATED = 3  # repetitions: one may be an old answer taken for a new one
 
-WINDOW = 50  # slots the share is judged over while the test runs
-ENOUGH = 20  # fewer say nothing of a share of a tenth
+WINDOW = 50  # slots for the share while the test runs
+ENOUGH = 20  # fewer slots do not determine a share of a tenth
 
 
 @dataclass(slots=True)
 class Repetition:
-    """Counts how often a value stayed the same to the last digit though its cause had changed."""
+    """Counts repetitions of a value to the last digit although its cause has changed."""
 
     step: float
     _value: float = math.nan
@@ -39,7 +39,7 @@ class Repetition:
     _times: int = 0
 
     def see(self, value: float, cause: float) -> bool:
-        """Take the next value; True when it has been repeated too often, nan begins anew."""
+        """Add a value and return True after too many repetitions; nan resets the count."""
         if value != self._value:
             self._value, self._cause, self._times = value, cause, 0
         elif math.isnan(self._cause):
@@ -52,13 +52,13 @@ class Repetition:
 
 @dataclass(slots=True)
 class HeadWatch:
-    """Notices a head that stays at one angle although it is sent elsewhere."""
+    """Notices a head that stays at one angle although it was sent elsewhere."""
 
     _stays_deg: float = math.nan
     _away: int = 0
 
     def see(self, position_deg: float, sent_deg: float) -> bool:
-        """Take the next angle read back; True when it has been away from where it was sent."""
+        """Add the next angle; return True if it stayed away from the commanded one."""
         if not abs(position_deg - self._stays_deg) <= OFF_POSITION_DEG:
             self._stays_deg, self._away = position_deg, 0
         if abs(position_deg - sent_deg) > OFF_POSITION_DEG:
@@ -68,7 +68,7 @@ class HeadWatch:
 
 @dataclass(slots=True)
 class Quality:
-    """Watches the readings of one sitting; every method returns what is wrong, once each."""
+    """Checks the readings of one session; every method returns each fault once."""
 
     serials: tuple[str, ...]
     mount_deg: dict[str, float]
@@ -79,15 +79,15 @@ class Quality:
     _told: set[str] = field(default_factory=set[str])
 
     def see_head(self, position_deg: float, sent_deg: float) -> list[str]:
-        """Hold where the head is, by read-back, against where it was sent, °."""
+        """Compare the angle of the head with the commanded one, °."""
         if not self._head.see(position_deg, sent_deg):
             return []
         return self._once(
-            "head", f"head stays at {position_deg:.3f}° although it is sent elsewhere"
+            "head", f"head stays at {position_deg:.3f}° although it was sent elsewhere"
         )
 
     def see_rows(self, rows: Sequence[ReadingRow]) -> list[str]:
-        """Hold each output against the one before, at another position."""
+        """Compare each output with the preceding one at another position."""
         found: list[str] = []
         for row in rows:
             repetition = self._outputs.setdefault(row.serial, Repetition(STEP_G))
@@ -134,22 +134,22 @@ class Quality:
 def find_bad_shares(
     store: Store, test_id: str, plan: Plan, heartbeat: Callable[[], None]
 ) -> list[str]:
-    """Find every accelerometer of which too little of the runs done can be used.
+    """Return every accelerometer with too few usable readings in the completed runs.
 
     Parameters
     ----------
     store : Store
-        Has the readings, those of earlier sittings among them.
+        Contains the readings, including those of earlier sessions.
     test_id : str
     plan : Plan
-        Of the test; its sequence's `limits.max_bad_share` is judged by.
+        Plan of the test; `limits.max_bad_share` of its sequence is the limit.
     heartbeat : callable
         Called before each run is read.
 
     Returns
     -------
     list of str
-        A line each.
+        One line each.
     """
     done = [run.number for run in store.test(test_id).runs if run.status == "finished"]
     good: Counter[str] = Counter()

@@ -1,4 +1,4 @@
-"""One scan of the digitiser made into rows of the store; what is not good is left empty."""
+"""Conversion of a scan of the digitiser into rows of the store; bad values are left empty."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -24,8 +24,9 @@ def scan_channels(
 ) -> tuple[ScanChannel, ...]:
     """Return the scan list: each output, then its thermistor, and last the recorded signals.
 
-    A thermistor's resistance changes hundredfold over a chamber's range: on the range that holds
-    the cold end, the meter's own error at the hot end would be 0.1 °C and more. So it autoranges.
+    A thermistor's resistance changes hundredfold over a chamber's range: on the range for the cold
+    end, the error of the meter at the hot end would be 0.1 °C and more. The channel is therefore
+    autoranged.
     """
     channels: list[ScanChannel] = []
     for entry in inputs:
@@ -70,19 +71,19 @@ def make_rows(
     scan : sequence of ChannelReading
     inputs : sequence of InputConfig
     slot, attempt, segment : int
-        Where the scan stands in the plan; `attempt` is the segment's, 1 for the first.
+        Place of the scan in the plan; `attempt` is that of the segment, 1 for the first.
     scan_s : float
         When the scan began, s from the run's start.
     position_deg : float or None
-        By read-back, °; None when the head was turning.
+        Angle read back, °; None if the head was turning.
     chamber_c : float or None
         °C; None when it could not be read.
     lateness_s : float
-        How late the scan began, s.
+        Lateness of the scan, s.
     flags : sequence of str
-        What is wrong with the whole scan.
+        Faults of the whole scan.
     signals : mapping of str to int, optional
-        Channels of the recorded signals, by name; one that was not measured flags all rows.
+        Channels of the recorded signals, by name; a missing one flags all rows.
 
     Returns
     -------

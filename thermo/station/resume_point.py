@@ -1,4 +1,4 @@
-"""Point at which an interrupted test goes on, from its store alone."""
+"""Point at which an interrupted test is resumed, from its store alone."""
 
 from collections.abc import Sequence as Many
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from thermo.station.journal import clock_identity
 from thermo.store.records import ScheduleMark
 from thermo.store.store import Store
 
-# the kinds of events that tell of a chamber being commanded, and of its being safe
+# kinds of events for a commanded chamber and for a safe chamber
 COMMANDED = frozenset(
     ("approach", "power off", "segment", "resoak", "gap", "pause", "not safe", "guardian: not safe")
 )
@@ -22,7 +22,7 @@ NEAR_C = 0.5  # a controller rounds its set points to less
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ResumePoint:
-    """The place in a test where it goes on.
+    """The point of a test at which it is resumed.
 
     Attributes
     ----------
@@ -31,11 +31,11 @@ class ResumePoint:
     start_s : float or None
         When that run began, s on the present clock.
     shift_s : float
-        How much later than at first its schedule is.
+        Delay of its schedule, s.
     slot, segment, attempt : int
-        What was to be read next.
+        The next reading.
     mid_segment : bool
-        Whether the schedule stood at `slot`; if not, `segment` was about to be begun anew.
+        True if the schedule was at `slot`; otherwise `segment` was about to be repeated.
     last_time_s : float
         Of the run's last reading, s from its start.
     """
@@ -51,7 +51,7 @@ class ResumePoint:
 
 
 def find_resume_point(store: Store, test_id: str, plan: Plan, clock: Clock) -> ResumePoint | None:
-    """Find where a test goes on.
+    """Return the resume point of a test.
 
     Returns
     -------
@@ -103,8 +103,8 @@ def _within_run(store: Store, test_id: str, plan: Plan, clock: Clock, number: in
 def _start_s(plan: Plan, clock: Clock, mark: ScheduleMark, start_utc: str, last_s: float) -> float:
     """Return when the run began on the present clock.
 
-    On another clock than the run's the time of day tells how long ago it was, and the run's time
-    never goes back behind its last reading.
+    On a clock different from that of the run, the elapsed time is taken from the time of day, and
+    the time of the run never goes back before its last reading.
     """
     if mark.clock == clock_identity(clock):
         return mark.start_clock_s
@@ -115,19 +115,19 @@ def _start_s(plan: Plan, clock: Clock, mark: ScheduleMark, start_utc: str, last_
 
 
 def is_own(occupied: Many[str], store: Store, test_id: str, plan: Plan, station: Station) -> bool:
-    """Tell whether what a chamber is found to do is what a test that was killed left behind.
+    """Return True if the killed test itself left the chamber in its present state.
 
-    Of what may occupy a chamber a test leaves only a profile or program, by which some controllers
-    ramp. It is the test's own when the store's last word is a command, not a safe condition, and
-    the set point in force is one that the test could have asked for.
+    A test can leave only a profile or program running, because some controllers ramp in this way.
+    It belongs to the test if the last event in the store is a command, not a safe condition, and if
+    the set point is within the programme of the test.
 
     Parameters
     ----------
     occupied : sequence of str
-        What `Chamber.read_occupation` found.
+        Result of `Chamber.read_occupation`.
     store : Store
     test_id : str
-        The test to go on with.
+        The test to resume.
     plan : Plan
         Its plan.
     station : Station

@@ -16,11 +16,11 @@ from thermo.station.session import Session
 from thermo.station.steering import ChamberProgramme, Head
 from thermo.store.records import ReadingRow
 
-LOOK_S = 2.0  # no look at the chamber is begun this shortly before something is due
+LOOK_S = 2.0  # no check of the chamber starts within this time before something is due
 
 
 class Run:
-    """One run, from its first slot or from where it was interrupted.
+    """One run, from its first slot or from its interruption.
 
     The plan's time p is due at ``start + shift + p`` on the clock: `shift_s` grows when a pause or
     a repeated segment moves the rest of the programme.
@@ -67,15 +67,15 @@ class Run:
     # ---- the run ----
 
     def send_head(self) -> None:
-        """Send the head to the first position, so that it stands there when the run begins."""
+        """Send the head to the first position before the run begins."""
         self._move_head()
 
     def begin(self) -> None:
-        """Write down that the schedule stands at its beginning."""
+        """Store that the schedule is at its beginning."""
         self._mark()
 
     def go_on(self, point: ResumePoint) -> None:
-        """Take up an interrupted run by the sequence's rule for gaps."""
+        """Resume an interrupted run by the sequence's rule for gaps."""
         rule = self._plan.sequence.after_gap
         gap_s = self._now_s() - point.last_time_s
         self._session.journal.event(
@@ -87,7 +87,7 @@ class Run:
             self._resoak()
 
     def finish(self) -> None:
-        """Read every slot that is left."""
+        """Read every remaining slot."""
         while self._slot < self._plan.slots:
             self._session.control.check()
             try:
@@ -107,7 +107,7 @@ class Run:
     # ---- one slot ----
 
     def _wait_for_slot(self) -> bool:
-        """Wait for the slot, starting the legs that begin before it; False: a pause, or missed."""
+        """Wait for the slot and start the legs before it; False for a pause or a missed slot."""
         schedule = self._schedule()
         deadline_s = schedule.deadline_s(self._slot)
         while (leg := self._leg_due_by(deadline_s - 1e-6)) is not None:
@@ -122,7 +122,7 @@ class Run:
         return not self._missed()
 
     def _sleep_until(self, deadline_s: float, *, unless_paused: bool = False) -> bool:
-        """Wait with a look at the chamber now and then; False when a pause was asked for."""
+        """Wait with regular checks of the chamber; False if a pause was requested."""
         session = self._session
         while session.look_due_s < deadline_s - LOOK_S:
             if not session.sleep_until(session.look_due_s, unless_paused=unless_paused):
@@ -131,7 +131,7 @@ class Run:
         return session.sleep_until(deadline_s, unless_paused=unless_paused)
 
     def _missed(self) -> bool:
-        """Leave out slots that are wholly missed, or that the head cannot reach any more."""
+        """Skip slots that are completely missed or that the head cannot reach in time."""
         session = self._session
         first = self._schedule().first_open(self._slot, session.clock.now_s())
         if first == self._slot:
@@ -140,7 +140,9 @@ class Run:
             first += 1
         first = min(first, self._plan.slots)
         self._skip(first - self._slot)
-        session.journal.event("missed", f"slots {self._slot}…{first - 1}: overtaken by the time")
+        session.journal.event(
+            "missed", f"slots {self._slot}…{first - 1}: skipped, because they are late"
+        )
         self._enter(first)
         return True
 
@@ -171,7 +173,7 @@ class Run:
         session.show("run", self._commanded_c(), self._left_s(), slot + 1, segment)
 
     def _settle(self) -> list[str]:
-        """Wait until the head has stood for the settling time; say what is wrong with the slot."""
+        """Wait for the settling time of the head; return faults of the slot."""
         flags = ["gap"] if self._gap or self._chamber.returning else []
         session, deadline_s = self._session, self._schedule().deadline_s(self._slot)
         moving = False
@@ -203,7 +205,7 @@ class Run:
             attempt=self._attempt,
             segment=self._segment,
             scan_s=scan_s,
-            # read back after the scan: of a turning head it says nothing about the scan itself
+            # read back after the scan: for a turning head it is not the angle of the scan
             position_deg=None if "moving" in flags else position_deg,
             chamber_c=self._session.chamber_c,
             lateness_s=lateness_s,
@@ -230,7 +232,7 @@ class Run:
             session.control.pause()
 
     def _alarm(self, found: list[str], *, complain: bool = True) -> None:
-        """Tell at once what is wrong with the instruments; a share is judged again at the end."""
+        """Report faults of the instruments at once; a share is checked again at the end."""
         for text in found:
             self._session.journal.event("alarm", text)
             if complain:
@@ -279,7 +281,7 @@ class Run:
         self._after_pause(began_s)
 
     def _after_pause(self, began_s: float) -> None:
-        """Go on by the sequence's rule for gaps."""
+        """Continue by the sequence's rule for gaps."""
         session = self._session
         if self._slot >= self._plan.slots:
             return
@@ -294,7 +296,7 @@ class Run:
             self._resoak()
 
     def _accept_late(self) -> None:
-        """Go on at the present time of the programme, with the chamber on its way back to it."""
+        """Continue at the present time of the programme while the chamber returns to it."""
         self._gap = self._chamber.returning = True
         first = self._schedule().first_open(self._slot, self._session.clock.now_s())
         first = min(max(first + 1, self._slot), self._plan.slots)
@@ -306,7 +308,7 @@ class Run:
         self._take_up_leg()
 
     def _take_up_leg(self) -> None:
-        """Command again the leg that the present belongs to."""
+        """Command the present leg again."""
         self._mark()
         now_s = self._session.clock.now_s()
         self._chamber.next_leg = int(leg_at(self._plan.legs, self._now_s() - self._shift_s))

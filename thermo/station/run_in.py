@@ -1,4 +1,4 @@
-"""The run-in rule on a running test: from the readings in its store to going on or stopping."""
+"""The run-in rule on a running test: the decision to continue or to stop."""
 
 from errormodel.errors import WorkbenchError
 from thermo.planning.run_in_rule import RunInRule
@@ -14,7 +14,7 @@ from thermo.store.store import Store
 def judge_stored(
     store: Store, test_id: str, rule: RunInRule, cycles: int | None = None
 ) -> tuple[RunInVerdict, ...]:
-    """Judge the run-in of a test in a store; nothing else is needed, so it can be done again.
+    """Evaluate the run-in of a test from its store; this can be repeated at any time.
 
     Parameters
     ----------
@@ -22,12 +22,12 @@ def judge_stored(
     test_id : str
     rule : RunInRule
     cycles : int, optional
-        Only the first so many runs; default: those that are finished.
+        Only this number of first runs; default: the finished runs.
 
     Raises
     ------
     InputError, StoreError
-        If the readings do not give K0 of every cycle.
+        If the readings do not determine K0 of every cycle.
     """
     finished = [r.number for r in store.test(test_id).runs if r.status == "finished"]
     used = [f"{test_id}-{n}" for n in finished if cycles is None or n <= cycles]
@@ -39,10 +39,10 @@ def judge_stored(
 
 
 def decide_run_in(store: Store, test_id: str, sequence: Sequence, cycles: int) -> Decision:
-    """Decide after a cycle whether a run-in goes on.
+    """Decide after a cycle whether to continue a run-in.
 
     It stops when every accelerometer has settled, or at the most cycles allowed. A cycle that
-    cannot be evaluated decides nothing: the run-in goes on to the next.
+    cannot be evaluated does not contribute to the decision: the run-in goes on to the next.
 
     Parameters
     ----------
@@ -59,8 +59,10 @@ def decide_run_in(store: Store, test_id: str, sequence: Sequence, cycles: int) -
     try:
         verdicts = judge_stored(store, test_id, rule, cycles)
     except WorkbenchError as err:
-        reason = f"{cycles} cycles done; not settled as far as can be told: {err}"
-        return Decision(reason=reason, lines=(f"cycle {cycles} decides nothing: {err}",))
+        reason = f"{cycles} cycles done; not settled as far as the cycles show: {err}"
+        return Decision(
+            reason=reason, lines=(f"cycle {cycles} does not contribute to the decision: {err}",)
+        )
     lines = tuple(v.sentence for v in verdicts)
     unsettled = [v.serial for v in verdicts if not v.settled]
     if not unsettled:

@@ -1,4 +1,4 @@
-"""The runs of a test one after the other, the rests between them, and what is judged after each."""
+"""The runs of a test in order, the rests between them, and the verdicts after each run."""
 
 from contextlib import suppress
 from datetime import UTC, datetime
@@ -23,29 +23,30 @@ class RunSeries:
         self._store = session.journal.store
         self._test_id = session.journal.test_id
         self._clock = session.clock
-        self._unjudged: int | None = None  # the run done last, while its ramps are not judged
+        self._unjudged: int | None = None  # the last run, until its ramps have a verdict
         self._decision = GO_ON
 
     def do(self, point: ResumePoint, *, rest_first: bool) -> None:
-        """Do the runs that are left, or as many as are needed; the last one is not judged yet.
+        """Do the remaining runs, or as many as needed; the last has no verdict yet.
 
         Parameters
         ----------
         point : ResumePoint
-            Where to go on; ``ResumePoint(run=1)`` for a new test.
+            Point to continue from; ``ResumePoint(run=1)`` for a new test.
         rest_first : bool
-            Whether the rest before the first of them is to be kept: nobody knows how long the
-            accelerometers rested before a resumption.
+            True to begin with the rest: before a resumption, the rest time of the accelerometers is
+            unknown.
         """
         plan = self._plan
         for number in range(point.run, plan.runs + 1):
             after_s = (plan.runs - number) * (plan.rest_s + plan.approach_s + plan.run_s)
             begun = number == point.run and point.start_s is not None
-            # before every new run, not after every one done: a resumed test asks again
+            # before every new run, not after every completed one, so that a resumed test checks
+            # again
             if not begun and number > 1:
                 self._judge_ramps()
                 with suppress(InterferedError):  # what comes next commands the chamber anew
-                    # between two questions to a store that is away
+                    # between two queries of a store that does not answer
                     self._session.look_at_chamber(None)
                 self._decision = self._decide(number - 1)
                 if self._decision.stop:
@@ -67,7 +68,7 @@ class RunSeries:
         return run
 
     def _begin(self, number: int, after_s: float) -> Run:
-        """Bring head and chamber to where a run begins, and begin it."""
+        """Bring head and chamber to the start of a run, and begin it."""
         session, plan = self._session, self._plan
         run = Run(session, ResumePoint(run=number), after_s)
         session.journal.start_s = self._clock.now_s()
@@ -82,7 +83,7 @@ class RunSeries:
 
     def _finish(self, number: int) -> None:
         with suppress(InterferedError):  # no reading of this run comes after it
-            self._session.look_at_chamber(None)  # what was changed since the last one is told
+            self._session.look_at_chamber(None)  # changes since the last one are reported
         self._store.finish_run(self._test_id, number, "finished")
         self._session.journal.event("run finished", f"run {number} of {self._plan.runs}")
         self._unjudged = number
@@ -108,9 +109,9 @@ class RunSeries:
     # ---- verdicts ----
 
     def judge(self) -> str:
-        """Judge what was read after all runs are done, and return why the test is done.
+        """Check the readings after all runs, and return the reason of the end.
 
-        The chamber is safe by now: it does not wait for a store that does not answer.
+        The chamber is already safe, so it does not wait for the store.
         """
         journal = self._session.journal
         self._judge_ramps()
@@ -124,7 +125,7 @@ class RunSeries:
         return self._decision.reason + how
 
     def _decide(self, number: int) -> Decision:
-        """Decide, from what is stored, whether the test goes on after a run."""
+        """Decide from the store whether the test continues after a run."""
         journal, decision = self._session.journal, GO_ON
         if self._plan.sequence.run_in is not None:
             journal.run = number  # after a resumption it is nobody's yet
@@ -134,14 +135,14 @@ class RunSeries:
         return decision
 
     def _judge_ramps(self) -> None:
-        """Judge the ramps of the run that was done last, once."""
+        """Give the verdict on the ramps of the last run, once."""
         number, self._unjudged = self._unjudged, None
         if number is None:
             return
         try:
             readings = self._store.readings(self._test_id, number)
-        except StoreAwayError as err:  # no reason to end the test: they can be judged later
-            self._session.journal.event("ramp", f"run {number} is not judged now: {err}")
+        except StoreAwayError as err:  # no reason to end the test: the verdict can be given later
+            self._session.journal.event("ramp", f"run {number} has no verdict yet: {err}")
             return
         for verdict in judge_test(self._plan, readings):
             self._session.journal.event("ramp", verdict.sentence)
@@ -151,6 +152,6 @@ class RunSeries:
         try:
             bad = find_bad_shares(self._store, self._test_id, self._plan, session.beat)
         except StoreAwayError as err:  # the test is done, and whether it is good is not known
-            bad = [f"readings missed and flagged are not judged: {err}"]
+            bad = [f"missed and flagged readings were not checked: {err}"]
         for text in bad:
             session.journal.complain(text)

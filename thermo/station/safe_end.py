@@ -1,4 +1,4 @@
-"""Leaving a station in its safe condition, come what may."""
+"""The safe end: leaving a station in its safe condition after any event."""
 
 import json
 import logging
@@ -11,10 +11,10 @@ from thermo.station.session import Heartbeat, no_heartbeat
 
 log = logging.getLogger(__name__)
 
-RETRY_S = 120.0  # how long a chamber that cannot be made safe is tried again
+RETRY_S = 120.0  # time of repeated attempts to make a chamber safe
 PAUSE_S = 5.0  # between two attempts
 SLICE_S = 0.2  # real seconds between two beats while waiting
-MIN_ATTEMPTS = 4  # also where the clock runs so fast that RETRY_S is nothing
+MIN_ATTEMPTS = 4  # also if the clock is so fast that RETRY_S is negligible
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,27 +37,26 @@ def make_chamber_safe(
 ) -> SafeResult:
     """Put a chamber into the safe condition and verify it, with fresh attempts.
 
-    Nothing but the end of the process stops it, and a guardian that has taken over: an exception
-    of any other kind, a Ctrl-C among them, costs one attempt.
+    Only the end of the process or a guardian that has taken over stops it. Any other exception,
+    including Ctrl-C, ends one attempt only.
 
     Parameters
     ----------
     chamber : Chamber
     temp_c : float
-        Where it is to stand, °C.
+        Safe temperature, °C.
     clock : Clock
     retry_s : float
         How long to try, s on `clock`.
     min_attempts : int
-        At least so many attempts.
+        Smallest number of attempts.
     heartbeat : callable
         Called before every attempt and in every slice of a wait.
 
     Returns
     -------
     SafeResult
-        The verified one, or the last; attempts that failed are told too, those that failed in
-        the same way once.
+        The verified result, or the last; failed attempts are listed, equal failures once.
 
     Raises
     ------
@@ -97,7 +96,7 @@ def make_chamber_safe(
 
 
 def _beat(heartbeat: Heartbeat) -> None:
-    """Beat; of what comes of it only the guardian's taking over counts here."""
+    """Send a heartbeat; only a take-over by the guardian has an effect here."""
     try:
         for line in heartbeat():
             log.warning("%s", line)
@@ -117,12 +116,12 @@ def _wait(clock: Clock, wait_s: float, heartbeat: Heartbeat) -> None:
 
 
 def stop_head(head: IndexingHead) -> tuple[bool, str]:
-    """Stop a head and see that it stands; a second attempt is made when the first fails.
+    """Stop a head and verify it; a second attempt follows if the first fails.
 
     Returns
     -------
     bool, str
-        Whether it stands, and a line about it.
+        True if it does not move, and one line of text.
     """
     line = ""
     for _ in range(2):
@@ -130,7 +129,7 @@ def stop_head(head: IndexingHead) -> tuple[bool, str]:
             head.stop()
             if not head.is_moving():
                 return True, "head: stopped"
-            line = "head: told to stop, still turning"
+            line = "head: commanded to stop, still turning"
         except BaseException as err:
             line = f"head: cannot be stopped: {one_line(err)}"
     log.warning("%s", line)
@@ -147,9 +146,10 @@ def clean_up(
     head_commanded: bool,
     heartbeat: Heartbeat = no_heartbeat,
 ) -> CleanUp:
-    """Make the chamber safe and stop the head; the chamber first, it is the one that burns.
+    """Make the chamber safe, then stop the head; the chamber is the greater hazard.
 
-    What this sitting never commanded may be somebody else's: nothing is written to it.
+    Nothing is written to an instrument that this session never commanded, because somebody else may
+    use it.
 
     Parameters
     ----------
@@ -159,7 +159,7 @@ def clean_up(
         °C.
     clock : Clock
     chamber_commanded, head_commanded : bool
-        Whether each was told to do anything.
+        True if this session commanded it.
     heartbeat : callable
         As for `make_chamber_safe`.
 
@@ -189,7 +189,7 @@ def clean_up(
 
 
 def _see_head(head: IndexingHead) -> tuple[bool, str]:
-    """Tell, without writing anything, whether a head that was never commanded stands."""
+    """Return, without a write, whether a head that was never commanded is at rest."""
     try:
         moving = head.is_moving()
     except BaseException as err:

@@ -1,4 +1,4 @@
-"""The instruments of a running test, with every failure counted and every wait watched over."""
+"""The instruments of a running test, with counted failures and supervised waits."""
 
 import logging
 import math
@@ -23,12 +23,12 @@ from thermo.station.watch import FailureBudget, LimitWatch
 
 log = logging.getLogger(__name__)
 
-CHECK_S = 10.0  # between two looks at the chamber while waiting
-ALARM_S = 10.0  # between two looks at its alarms while reading
+CHECK_S = 10.0  # between two checks of the chamber while waiting
+ALARM_S = 10.0  # between two checks of its alarms while reading
 SLICE_S = 0.2  # real seconds after which a wait notices the operator
 
 Value = TypeVar("Value")
-# shows that the control thread lives and looks at the guardian; returns what is worth an event
+# shows that the control thread is alive and checks the guardian; returns text for events
 Heartbeat = Callable[[], Iterable[str]]
 
 
@@ -38,13 +38,12 @@ def no_heartbeat() -> tuple[str, ...]:
 
 
 class Session:
-    """One sitting of a test: instruments, clock, limits, and who is told.
+    """One session of a test: instruments, clock, limits and observers.
 
-    `commanded` and `head_commanded` are set just before the chamber, or the head, is told
-    anything for the first time. `foreign` is set while readings may show what somebody else told
-    the chamber: from a foreign change until the chamber has been brought somewhere anew.
-    `heartbeat` is called around every call of an instrument and in every slice of a wait; what it
-    raises ends the test.
+    `commanded` and `head_commanded` are set just before the first command to the chamber or the
+    head. `foreign` is set while readings may be affected by a foreign change, until the chamber has
+    been brought to a known temperature. `heartbeat` is called around every call of an instrument
+    and in every slice of a wait; an exception from it ends the test.
     """
 
     def __init__(
@@ -68,7 +67,7 @@ class Session:
         self.foreign = False
         self.look_due_s = -math.inf
         self._rule = station.config.on_foreign_change
-        self._changes: tuple[str, ...] = ()  # foreign ones, at the last look
+        self._changes: tuple[str, ...] = ()  # foreign changes at the last check
         self._undoing = False  # the operator has resumed after them
         self._budgets: dict[str, FailureBudget] = {}
         self._alarms_due_s = -math.inf
@@ -77,20 +76,20 @@ class Session:
         self._slice_s = math.inf if speed is None else SLICE_S * speed
 
     def beat(self) -> None:
-        """Show that the control thread lives, and enter what became of the guardian."""
+        """Send a heartbeat, and record changes of the guardian."""
         for line in self._heartbeat():
             self.journal.event("guardian", line)
 
     def ask(self, name: str, call: Callable[[], Value]) -> Value | None:
-        """Ask an instrument; None when it failed, which is counted under `name` and logged.
+        """Query an instrument; None after a failure, which is counted under `name` and logged.
 
         Raises
         ------
         InstrumentLostError
             When it has failed too often.
         LimitTrippedError
-            When the driver refuses what is asked, or no longer recognises the instrument because
-            somebody changed its settings: asking again would not help.
+            If the driver refuses the request, or no longer recognises the instrument because its
+            settings were changed; a repetition would not help.
         FencedError
             When somebody else has taken the instrument over.
         """
@@ -118,7 +117,7 @@ class Session:
         return value
 
     def tell(self, name: str, call: Callable[[], None]) -> bool:
-        """Tell an instrument to do something; False when it failed, as for `ask`."""
+        """Command an instrument; False after a failure, as for `ask`."""
 
         def done() -> bool:
             call()
@@ -127,10 +126,10 @@ class Session:
         return self.ask(name, done) is not None
 
     def tell_chamber(self, call: Callable[[], None]) -> bool:
-        """Tell the chamber to do something, unless that would undo what somebody else changed.
+        """Command the chamber, unless this would overwrite a foreign change.
 
-        False: it failed, or it waits for the station's rule on foreign changes, which the next
-        look at the chamber applies.
+        False after a failure, or if the station's rule on foreign changes must be applied first,
+        which the next check of the chamber does.
 
         Raises
         ------
@@ -145,7 +144,7 @@ class Session:
         return done
 
     def _may_command(self) -> bool:
-        """Look whether the chamber still does what it was told; a command would hide that."""
+        """Check the chamber for foreign changes before a command hides them."""
         if not self._see_changes():
             return False
         if self._changes and self._rule == "end":
@@ -153,7 +152,7 @@ class Session:
         return not self._changes or self._rule == "tell"
 
     def tell_head(self, call: Callable[[], None]) -> bool:
-        """Tell the head to do something."""
+        """Command the head."""
         self.head_commanded = True
         return self.tell("head move", call)
 
@@ -187,18 +186,18 @@ class Session:
             self.clock.sleep_until_s(min(deadline_s, now_s + self._slice_s))
 
     def look_at_chamber(self, commanded_c: float | None) -> None:
-        """Read the chamber and hold it against the limits.
+        """Read the chamber and check it against the limits.
 
         Parameters
         ----------
         commanded_c : float or None
-            Where the programme wants it, °C; None when it is on its way somewhere.
+            Temperature of the programme, °C; None while the chamber is approaching a temperature.
         """
         self.read_chamber()
         self.judge_chamber(commanded_c)
 
     def read_chamber(self) -> None:
-        """Read the chamber's temperature, and whether it still does what it was last told."""
+        """Read the chamber's temperature and check for foreign changes."""
         chamber = self.station.chamber
         self.look_due_s = self.clock.now_s() + CHECK_S
         self.chamber_c = self.ask("chamber", chamber.read_temp_c)
@@ -207,7 +206,7 @@ class Session:
         self._see_changes()
 
     def _see_changes(self) -> bool:
-        """Read what somebody else changed, and tell what is new; False when it cannot be read."""
+        """Read foreign changes and report new ones; False if they cannot be read."""
         read = self.station.chamber.read_foreign_changes
         changes = self.ask("chamber's set point and mode", read)
         if changes is None:
@@ -222,12 +221,12 @@ class Session:
         return True
 
     def judge_chamber(self, commanded_c: float | None) -> None:
-        """Hold the last reading of the chamber against the limits, and see to its alarms.
+        """Check the last reading of the chamber against the limits, and its alarms.
 
         Raises
         ------
         LimitTrippedError
-            When a limit is passed, an alarm is told, or somebody else has changed the chamber and
+            If a limit is exceeded, an alarm is active, or somebody else has changed the chamber and
             the station's rule is to end.
         InterferedError
             When the rule is to pause, and the pause is over.
@@ -250,11 +249,11 @@ class Session:
         return "; ".join(self._changes)
 
     def _stand_back(self) -> None:
-        """Leave the chamber to who changed it until the operator resumes; its limits still hold."""
+        """Send no commands until the operator resumes; the limits are still checked."""
         began_s = self.clock.now_s()
         self.control.pause()
         self.journal.event(
-            "pause", f"the chamber is left to who changed it: {self._changes_text()}"
+            "pause", f"the test stops commanding the chamber: {self._changes_text()}"
         )
         while self.control.paused:
             self.sleep_until(self.clock.now_s() + CHECK_S, while_paused=True)
@@ -265,13 +264,13 @@ class Session:
             if self._shown is not None:
                 self._show_again(self._shown)
         self._changes = ()
-        self._undoing = True  # what is commanded next undoes them
+        self._undoing = True  # the next command overwrites them
         raise InterferedError(began_s)
 
     def show(
         self, phase: Phase, commanded_c: float, left_s: float, slot: int = 0, segment: int = 0
     ) -> None:
-        """Tell the observers how far the test is."""
+        """Report the progress to the observers."""
         self._shown = Progress(
             test_id=self.journal.test_id,
             run=self.journal.run,
@@ -288,7 +287,7 @@ class Session:
         self.journal.progress(self._shown)
 
     def _show_again(self, shown: Progress) -> None:
-        """Tell the observers that the test stands still where it was last shown."""
+        """Report to the observers that the test is paused."""
         time_s = self.clock.now_s() - self.journal.start_s
         self.journal.progress(
             replace(shown, phase="pause", time_s=time_s, chamber_c=self.chamber_c)

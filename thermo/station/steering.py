@@ -1,4 +1,4 @@
-"""Head and chamber as a run steers them: what each was told last, and whether it is there."""
+"""Control of head and chamber by a run: the last command of each, and whether it is reached."""
 
 from functools import partial
 
@@ -15,7 +15,7 @@ class Head:
     sent_deg : float or None
         The angle it was last sent to, °; None: not known, it is sent again.
     turned : bool
-        Whether it was sent somewhere since it was last seen to stand.
+        True if it was commanded since it was last at rest.
     """
 
     def __init__(self, session: Session) -> None:
@@ -38,11 +38,11 @@ class Head:
             self.turned = True
 
     def is_moving(self) -> bool:
-        """Ask whether it turns; one that does not answer is taken to."""
+        """Return True if it turns or does not answer."""
         return self._session.ask("head", self._session.station.head.is_moving) is not False
 
     def check(self, position_deg: float) -> None:
-        """Compare where it stands with where it was sent; elsewhere, it is to be sent again."""
+        """Compare its angle with the commanded one; if they differ, it must be sent again."""
         if self.sent_deg is None or abs(position_deg - self.sent_deg) <= OFF_POSITION_DEG:
             return
         self._session.journal.event(
@@ -59,7 +59,7 @@ class ChamberProgramme:
     next_leg : int
         The leg to be commanded next.
     returning : bool
-        Whether the chamber is on its way back to the programme, which went on without it.
+        True while the chamber returns to the programme after a gap.
     """
 
     def __init__(self, session: Session, next_leg: int) -> None:
@@ -70,7 +70,7 @@ class ChamberProgramme:
     def leg_due_by(self, deadline_s: float, programme_start_s: float) -> Leg | None:
         """Return the next leg if it begins by a moment; both are s on the clock."""
         legs = self._session.plan.legs[self.next_leg : self.next_leg + 1]
-        # the sum, as a deadline is made: a leg that begins with a slot is due exactly then
+        # the same sum as for a deadline, so a leg that begins with a slot is due exactly then
         return legs[0] if legs and programme_start_s + legs[0].start_s <= deadline_s else None
 
     def start_leg(self, commanded_c: float) -> bool:
@@ -79,12 +79,12 @@ class ChamberProgramme:
         Parameters
         ----------
         commanded_c : float
-            Where the programme wants the chamber now, °C.
+            Present temperature of the programme, °C.
 
         Returns
         -------
         bool
-            False: the leg has not begun and is to be tried again after the next slot.
+            False if the leg has not begun and must be tried again after the next slot.
         """
         session, chamber = self._session, self._session.station.chamber
         leg = session.plan.legs[self.next_leg]

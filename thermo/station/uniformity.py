@@ -1,4 +1,4 @@
-"""Uniformity of ramps at the accelerometer, and their likeness to the SINS's own heating."""
+"""Uniformity of ramps at the accelerometer, and comparison with the self-heating of the SINS."""
 
 from collections.abc import Sequence as Many
 from dataclasses import dataclass, replace
@@ -19,7 +19,7 @@ MAD = 1.4826  # sigma of normal values over their median absolute deviation
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RampVerdict:
-    """One ramp as one accelerometer felt it; rates in °C/min.
+    """One ramp at one accelerometer; rates in °C/min.
 
     Attributes
     ----------
@@ -33,9 +33,9 @@ class RampVerdict:
     half_band : float
         Half the width of the band.
     readings : int
-        How many were judged.
+        Number of readings used.
     longest_outside_min : float
-        The longest time in which no slope was inside, or nothing was read.
+        The longest time without a slope inside the band, or without a reading.
     unread_min : float
         Time at the end of the ramp in which nothing was read.
     noise_c : float
@@ -44,7 +44,7 @@ class RampVerdict:
         Sigma of a slope for a noise of 1 °C, median, 1/min.
     passed : bool
     sins_rate, mismatch_percent : float or None
-        The SINS's own rate, and by how much the measured one differs from it.
+        The self-heating rate of the SINS, and the difference of the measured rate from it.
     sentence : str
     """
 
@@ -125,8 +125,8 @@ def _slope_gain(time_s: FloatArray, window_s: float) -> FloatArray:
 def thermistor_noise(time_s: ArrayLike, temp_c: ArrayLike) -> float:
     """Estimate a thermistor's noise from readings of a moving temperature, °C.
 
-    A reading less the straight line between its neighbours holds no slope; the median of its size
-    is not moved by stops and jumps.
+    The difference between a reading and the straight line through its neighbours contains no slope;
+    the median of its size is not affected by stops and jumps.
 
     Parameters
     ----------
@@ -157,15 +157,15 @@ def longest_outside_s(time_s: FloatArray, outside: NDArray[np.bool_]) -> float:
 def self_heating_rate(
     rate_c_per_min: float | None, table: SelfHeating | None, low_c: float, high_c: float
 ) -> float | None:
-    """Return the SINS's own mean rate of heating over a range of temperature, °C/min.
+    """Return the mean self-heating rate of the SINS over a range of temperature, °C/min.
 
     Parameters
     ----------
     rate_c_per_min : float or None
         Stated as one number.
     table : SelfHeating or None
-        Or as a curve over time; of it the part between the temperatures counts, the whole of it
-        when it does not reach there.
+        Or as a curve over time; the part between the temperatures is used, or the whole curve if it
+        does not reach them.
     low_c, high_c : float
         °C.
     """
@@ -188,7 +188,7 @@ def judge_ramp(
     run: int,
     begin_s: float | None = None,
 ) -> RampVerdict:
-    """Judge one ramp as one accelerometer felt it.
+    """Return the verdict on one ramp at one accelerometer.
 
     Parameters
     ----------
@@ -200,7 +200,7 @@ def judge_ramp(
     serial : str
     run : int
     begin_s : float, optional
-        When the ramp began, on `time_s`; the first reading if not given.
+        Start of the ramp on `time_s`; the first reading if not given.
 
     Returns
     -------
@@ -232,7 +232,8 @@ def judge_ramp(
         rule.sins_self_heating_rate_c_per_min, rule.sins_self_heating, low_c, high_c
     )
     mismatch = None if not sins or not judged else 100 * (abs(measured) - sins) / sins
-    # a stop hides in a long ramp's share: nowhere may the rate be outside for longer than a window
+    # a long ramp could hide a stop in its share, so the rate may never be outside for longer than a
+    # window
     passed = bool(
         judged > 0
         and share >= rule.min_share_inside
@@ -273,7 +274,7 @@ def _with_sentence(verdict: RampVerdict, rule: Uniformity) -> RampVerdict:
             f"{place}: {word}: {verdict.measured:+.3f} ± {verdict.measured_sigma:.1g} °C/min for "
             f"{verdict.commanded:+.3f} commanded, {100 * verdict.share_inside:.1f} % of "
             f"{verdict.readings} readings within ±{verdict.half_band:.3f} "
-            f"({100 * rule.min_share_inside:g} % are asked for)"
+            f"({100 * rule.min_share_inside:g} % are required)"
         )
         if max(verdict.longest_outside_min, verdict.unread_min) > rule.window_min:
             what = (
@@ -284,19 +285,19 @@ def _with_sentence(verdict: RampVerdict, rule: Uniformity) -> RampVerdict:
         blur = NOISE_SIGMAS * verdict.noise_c * verdict.slope_gain
         if blur > verdict.half_band:
             sentence += (
-                f"; the thermistor's noise of {verdict.noise_c:.2g} °C hides what differs by less "
+                f"; the thermistor's noise of {verdict.noise_c:.2g} °C hides differences of less "
                 f"than {verdict.half_band + blur:.2g} °C/min"
             )
         if verdict.mismatch_percent is not None:
             sentence += (
-                f"; the SINS warms itself at {verdict.sins_rate:.3f} °C/min, mismatch "
+                f"; the SINS warms up at {verdict.sins_rate:.3f} °C/min, mismatch "
                 f"{verdict.mismatch_percent:+.1f} %"
             )
     return replace(verdict, sentence=sentence)
 
 
 def judge_test(plan: Plan, readings: pd.DataFrame) -> tuple[RampVerdict, ...]:
-    """Judge every ramp of a test for every accelerometer.
+    """Return the verdict on every ramp of a test for every accelerometer.
 
     Parameters
     ----------

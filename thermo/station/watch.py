@@ -1,4 +1,4 @@
-"""The watch over a running test: what a reading may be, and how often an instrument may fail."""
+"""Supervision of a running test: limits of the readings and of instrument failures."""
 
 import logging
 import math
@@ -17,14 +17,14 @@ from thermo.station.quality import STEP_C, Repetition
 
 log = logging.getLogger(__name__)
 
-MOVED_C = 0.05  # a reading that changed by less has not moved
-OVERSHOOT_C = 5.0  # a chamber overshoots by less, one that runs away soon by more
-CONFIRM = 2  # readings in a row of an accelerometer's thermistor before it ends the test
+MOVED_C = 0.05  # a reading with a smaller change counts as stuck
+OVERSHOOT_C = 5.0  # an ordinary overshoot is smaller; a runaway soon exceeds it
+CONFIRM = 2  # consecutive readings of an accelerometer's thermistor before the test ends
 
 
 @dataclass(slots=True)
 class FailureBudget:
-    """Counts one instrument's failures in a row, and knows when they are too many."""
+    """Counts the consecutive failures of one instrument and raises after too many."""
 
     name: str
     max_failures: int
@@ -43,7 +43,7 @@ class FailureBudget:
         Raises
         ------
         InstrumentLostError
-            When it is one too many, or the first of the row is too long ago.
+            After too many failures, or if the first of them is too long ago.
         """
         self.total += 1
         self._in_row += 1
@@ -60,10 +60,10 @@ class FailureBudget:
 
 @dataclass(slots=True)
 class LimitWatch:
-    """Holds readings against the sequence's limits; every check raises `LimitTrippedError`.
+    """Checks readings against the limits of the sequence; every check raises `LimitTrippedError`.
 
-    Deviation and a stuck reading are judged against the programme, so `expect` has to be told
-    when the programme jumps (a step, the way back after a gap).
+    Deviation and a stuck reading are checked against the programme, so `expect` must be called when
+    the programme jumps (a step, the return after a gap).
     """
 
     plan: Plan
@@ -75,7 +75,7 @@ class LimitWatch:
     _repeated: dict[str, Repetition] = field(default_factory=dict[str, Repetition])
 
     def expect(self, now_s: float, step_c: float) -> None:
-        """Allow the chamber the time it needs to move by `step_c` as fast as it does."""
+        """Allow the chamber its usual time for a step of `step_c`."""
         rate = self.plan.sequence.temperature.approach_c_per_min
         self._patient_until_s = now_s + 60 * abs(step_c) / rate
         self._deviant_since_s = None
@@ -84,7 +84,7 @@ class LimitWatch:
     def chamber(self, temp_c: float) -> None:
         """Check the chamber's reading against the absolute limits."""
         low, high = self.plan.chamber_limits_c
-        # a chamber that stands at a limit of the sequence overshoots it by a little
+        # a chamber at a limit of the sequence overshoots it slightly
         margin = min(self.plan.sequence.limits.max_deviation_c, OVERSHOOT_C)
         if not low - margin <= temp_c <= high + margin:
             kind = TooHotError if temp_c > high else LimitTrippedError
@@ -137,9 +137,8 @@ class LimitWatch:
         LimitTrippedError
             When it is outside for the second time in a row.
         ThermistorLostError
-            When there was no reading too often in a row, or the thermistor shows the same to the
-            last digit while the chamber goes on: the limits are then without effect. Counting
-            begins anew afterwards.
+            After too many consecutive missing readings, or if the thermistor repeats its last digit
+            while the chamber changes: the limits then do not protect. The count is then reset.
         """
         self._check_lost(serial, temp_c, chamber_c)
         low, high = self.plan.accelerometer_limits_c
@@ -163,7 +162,7 @@ class LimitWatch:
         raise ThermistorLostError(
             f"accelerometer {serial}: its thermistor {why}"
             + ("" if repeated else f", {times} times in a row")
-            + "; its temperature is not limited any more"
+            + "; its temperature limit no longer protects"
         )
 
     def alarms(self, alarms: tuple[str, ...]) -> None:

@@ -169,7 +169,7 @@ class Claims:
                     try:
                         self._held[test_id] = self._claim(test_id, PATIENCE_S)
                     except StoreError as err:
-                        log.error("the claim was lost with the server's session: %s", err)
+                        log.error("the claim was lost with the session of the server: %s", err)
 
     def move_to(self, url: sa.URL) -> None:
         """Hold the same claims on the tests of another store, from now on the one that is open.

@@ -107,15 +107,15 @@ def parse_store_url(url: str | Path) -> sa.URL:
     kind = parsed.drivername.split("+")[0]
     if kind in {"postgresql", "postgres"}:
         if "@" in f"{parsed.host}{parsed.database}":
-            raise StoreError("the store's URL has a second @: write the one of a password as %40")
+            raise StoreError("the store's URL has a second @: write an @ in a password as %40")
         _secrets.update(_secrets_of(parsed))
         return parsed.set(drivername="postgresql+psycopg")
     if kind != "sqlite":
         raise StoreError(f"{kind}: expected sqlite:///FILE or postgresql://…")
     if parsed.host or parsed.username or parsed.password:
-        raise StoreError("a file has no user and no host: expected sqlite:///FILE")
+        raise StoreError("a file URL cannot have a user or a host: expected sqlite:///FILE")
     if parsed.database in {None, "", ":memory:"}:
-        raise StoreError("sqlite in memory would lose everything: expected sqlite:///FILE")
+        raise StoreError("a store in memory would lose all readings: expected sqlite:///FILE")
     return parsed.set(drivername="sqlite")
 
 

@@ -8,15 +8,9 @@ from typing import Any
 import pandas as pd
 import sqlalchemy as sa
 
-from thermo.store import queries
+from thermo.store import queries, reading_queries
 from thermo.store.database import display_url, store_errors
-from thermo.store.records import (
-    EventRecord,
-    ReadingRow,
-    ScheduleMark,
-    TestRecord,
-    TestSummary,
-)
+from thermo.store.records import EventRecord, ReadingRow, ScheduleMark, TestRecord, TestSummary
 
 
 class StoreReader:
@@ -80,7 +74,7 @@ class StoreReader:
     def last_reading(self, test_id: str, run: int) -> ReadingRow | None:
         """Return the reading of a run that is latest in time, voided or not; None: none yet."""
         with store_errors(self._where), self._reader.connect() as connection:
-            return queries.last_reading(connection, test_id, run)
+            return reading_queries.last_reading(connection, test_id, run)
 
     def readings(self, test_id: str, run: int | None = None) -> pd.DataFrame:
         """Return readings as a table, in order of run, time and serial.
@@ -89,7 +83,7 @@ class StoreReader:
         empty, or why the attempt the reading belongs to does not count.
         """
         with store_errors(self._where), self._reader.connect() as connection:
-            return queries.readings(connection, test_id, run)
+            return reading_queries.readings_frame(connection, test_id, run)
 
     @contextmanager
     def snapshot(self) -> Generator[sa.Connection]:

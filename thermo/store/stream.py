@@ -22,7 +22,7 @@ from thermo.recording.runs import COLUMNS, FORCES, REQUIRED, RecordedRuns
 from thermo.recording.signals import recorded_signals
 from thermo.recording.summary import RecordingSummary
 from thermo.recording.write import sidecar_of
-from thermo.store import queries
+from thermo.store import queries, reading_queries
 from thermo.store.export import ExportedMeaning, run_starts
 
 if TYPE_CHECKING:
@@ -67,7 +67,7 @@ def export_in_pieces(
     starts = run_starts(store.test(test_id).runs)
     with store.snapshot() as connection:
         _tell_unknown_signals(queries.signal_names(connection, test_id), test_id)
-        counts = queries.reading_counts(connection, test_id, serials)
+        counts = reading_queries.reading_counts(connection, test_id, serials)
         if not counts:
             raise StoreError(f"test {test_id}: has no readings to export")
         meaning = ExportedMeaning(
@@ -98,7 +98,7 @@ class _Export:
         self,
         connection: sa.Connection,
         meaning: ExportedMeaning,
-        counts: list[queries.ReadingCount],
+        counts: list[reading_queries.ReadingCount],
     ) -> None:
         self._connection, self._meaning = connection, meaning
         self._counts = {(meaning.run_id(c.run), c.serial.strip()): c for c in counts}
@@ -128,7 +128,7 @@ class _Export:
         )
 
     def _pieces(self, *, by_serial: bool) -> Iterator[RecordedRuns]:
-        for frame in queries.reading_pieces(
+        for frame in reading_queries.reading_pieces(
             self._connection, self._meaning.test_id, self._asked, by_serial=by_serial
         ):
             yield self._meaning.record_of(frame)

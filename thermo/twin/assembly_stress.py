@@ -67,7 +67,7 @@ class AssemblyStress:
     def _term(self, coefficient: Coefficient, place: Place, stream: int) -> Term:
         return Term(
             name=coefficient.name,
-            sentence="Stress left by the assembly relaxes with every thermal cycle.",
+            sentence="Residual stress from assembly relaxes with every thermal cycle.",
             place=place,
             coefficients=(coefficient,),
             columns=by_run(partial(_relaxed, self, stream)),

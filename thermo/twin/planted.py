@@ -15,6 +15,7 @@ from thermo.compensation.model_file import AccelerometerModel
 from thermo.library import term, thermal_library
 from thermo.library.effects import Example
 from thermo.twin.accelerometer import T_REF_C, EmulatedAccelerometer, emulated_accelerometer
+from thermo.twin.unknown import UNKNOWN, UnknownEffect, unknown_effect
 
 # All that a model with bias and scale factor quadratic in temperature holds.
 PLAIN_TERMS = ("k1", "k1_t1", "k1_t2", "k0", "k0_t1", "k0_t2")
@@ -27,6 +28,8 @@ def planted_effects() -> dict[str, Example]:
 
 def size_in_words(example: Example) -> str:
     """Return an example's size in the units of the report."""
+    if isinstance(example, UnknownEffect):
+        return example.words
     if not example.term:
         return f"offsets with a sigma of {example.turn_on_ug:g} µg from power-on to power-on"
     one = term(example.term)
@@ -36,8 +39,14 @@ def size_in_words(example: Example) -> str:
     )
 
 
-def plantable(name: str | None) -> Example:
-    """Return an effect's example by the effect's name.
+def plantable(name: str | None, seed: int = 1) -> Example:
+    """Return an effect's example by the effect's name; "unknown" is one that no library has.
+
+    Parameters
+    ----------
+    name : str or None
+    seed : int
+        Draws the unknown one.
 
     Raises
     ------
@@ -45,9 +54,12 @@ def plantable(name: str | None) -> Example:
         If an accelerometer cannot have it; the message lists those it can.
     """
     known = planted_effects()
+    if name == UNKNOWN:
+        return unknown_effect(seed)
     if not name or name not in known:
-        given = f"{name!r} is none of them" if name else "none given"
-        raise InputError("hidden effect", "", f"{given}; expected one of {', '.join(known)}")
+        given = f"{name!r} is not one of them" if name else "none given"
+        expected = f"expected one of {', '.join(known)}, or {UNKNOWN}"
+        raise InputError("hidden effect", "", f"{given}; {expected}")
     return known[name]
 
 
@@ -66,10 +78,11 @@ def plain_accelerometer(
     """
     whole = emulated_accelerometer(serial, seed=seed)
     more = planted or Example()
-    names = (*PLAIN_TERMS, *([more.term] if more.term else []))
+    own = [more.made] if isinstance(more, UnknownEffect) else []
+    names = (*PLAIN_TERMS, *([more.term] if more.term and not own else []))
     return replace(
         whole,
-        model=ErrorModel(tuple(term(n) for n in names)),
+        model=ErrorModel((*(term(n) for n in names), *own)),
         values={**{n: whole.values[n] for n in PLAIN_TERMS}, **more.values},
         turn_on_ug=more.turn_on_ug,
     )

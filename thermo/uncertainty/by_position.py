@@ -18,7 +18,7 @@ from errormodel.arrays import FloatArray, IntArray
 from errormodel.blocks import block_slices
 from thermo.recording.channel import Channel
 from thermo.recording.runs import FORCES
-from thermo.uncertainty.linearised import Linearised
+from thermo.uncertainty.linearised import LinearisedFit
 
 FALSE_ALARM = 6e-7  # of each of the two tests: 5 sigma of a single effect
 # Of the white noise, rms: the coefficients of 1000 readings are then off by three of their sigmas.
@@ -57,13 +57,13 @@ class ByPosition:
 
 
 def by_position(
-    line: Linearised, channel: Channel, by_angle: FloatArray | None = None
+    line: LinearisedFit, channel: Channel, by_angle: FloatArray | None = None
 ) -> ByPosition | None:
     """Return how the residual follows the position; None where it does not.
 
     Parameters
     ----------
-    line : Linearised
+    line : LinearisedFit
         With its run effects.
     channel : Channel
         What was fitted.
@@ -127,7 +127,7 @@ def _few_positions(forces: list[FloatArray]) -> tuple[IntArray, NDArray[np.int8]
 
 
 def _test(
-    line: Linearised,
+    line: LinearisedFit,
     names: list[str],
     group: NDArray[np.integer[Any]],
     over_temperature: bool,
@@ -196,17 +196,17 @@ def by_position_sentence(found: ByPosition) -> str:
     told = told.replace("-", "−")
     which = ""
     if 0 < len(found.alone) <= SHOWN:
-        which = f" ({' or '.join(found.alone)} alone would account for it)"
+        which = f" ({' or '.join(found.alone)} alone would explain it)"
     if found.over_temperature:
         return (
-            "the residual changes with temperature otherwise at one position than at others: "
-            f"from cold to warm {told}{which}; {found.rms_ug:.3g} µg rms, {found.sigmas:.2g} "
-            "sigma: that is no noise; an axis that tilts with temperature, or another term of the "
-            "input that changes with it, is missing, and the sigmas do not allow for that"
+            "the residual changes with temperature differently at one position from others: from "
+            f"cold to warm {told}{which}; {found.rms_ug:.3g} µg rms, {found.sigmas:.2g} "
+            "sigma: this is not noise; an axis that tilts with temperature, or another input "
+            "term that changes with temperature, is missing, and the sigmas do not include it"
         )
     return (
         f"the residual follows the position: {told}{which}; {found.rms_ug:.3g} µg rms, "
-        f"{found.sigmas:.2g} sigma: that is no noise; a position is not what is recorded, the "
-        "output saturates or differs in gain between + and −, or a term of the input is missing, "
-        "and the sigmas of all coefficients do not allow for that"
+        f"{found.sigmas:.2g} sigma: this is not noise; a position differs from the recorded one, "
+        f"the output saturates or has different gains for + and −, or an input term is missing, "
+        f"and the sigmas of all coefficients do not include it"
     )

@@ -13,7 +13,7 @@ from errormodel.arrays import FloatArray
 from errormodel.columns import Columns
 from errormodel.fit import ModelFit
 from errormodel.linear import triangle_of
-from thermo.uncertainty.linearised import Linearised
+from thermo.uncertainty.linearised import LinearisedFit
 
 # The shift by noise in the temperature is second order in it: below this share of the
 # temperature's own variance it is beneath every sigma.
@@ -28,7 +28,7 @@ def with_moves(fit: ModelFit, moves: FloatArray) -> ModelFit:
     return replace(fit, cov=fit.cov + moves @ moves.T)
 
 
-def thermometer_moves(line: Linearised, sigma_c: float, gain_ppm: float, t_ref_c: float) -> (
+def thermometer_moves(line: LinearisedFit, sigma_c: float, gain_ppm: float, t_ref_c: float) -> (
     FloatArray
 ):  # fmt: skip
     """Return how far a thermometer's offset and gain, 1 sigma each, move the estimates (p, 2).
@@ -41,7 +41,7 @@ def thermometer_moves(line: Linearised, sigma_c: float, gain_ppm: float, t_ref_c
     return line.moved(off) * np.array([sigma_c, 1e-6 * gain_ppm])
 
 
-def temperature_noise_moves(line: Linearised, sigma_c: float) -> FloatArray:
+def temperature_noise_moves(line: LinearisedFit, sigma_c: float) -> FloatArray:
     """Return how far noise in the temperature moves the estimates, (p, p + 1 or 0).
 
     With readings at x + η the normal equations expect Σ (J'f' + J f''/2) σ² more than zero
@@ -81,7 +81,7 @@ def output_step(output: FloatArray) -> float:
     return float(near.sum() / steps.sum())
 
 
-def step_moves(line: Linearised, step: float) -> FloatArray:
+def step_moves(line: LinearisedFit, step: float) -> FloatArray:
     """Return moves of the estimates by the steps of the output, (p, draws or 0).
 
     An output that is coarser than its noise errs by a sawtooth of itself: the same at each visit

@@ -20,7 +20,7 @@ from thermo.uncertainty.considered import (
     with_moves,
 )
 from thermo.uncertainty.left_out import LeftOut, left_out, noise_sentences
-from thermo.uncertainty.linearised import Linearised, shifted
+from thermo.uncertainty.linearised import LinearisedFit, shifted
 from thermo.uncertainty.loop_sigma import loop_sigma_ug
 from thermo.uncertainty.not_shown import NotShown, holders, not_shown
 from thermo.uncertainty.run_differences import OddRun, odd_run
@@ -88,7 +88,7 @@ class Doubts:
 
 
 def doubts_of(
-    line: Linearised,
+    line: LinearisedFit,
     channel: Channel,
     t_ref_c: float,
     lost: Sequence[str] | None = None,
@@ -98,7 +98,7 @@ def doubts_of(
 
     Parameters
     ----------
-    line : Linearised
+    line : LinearisedFit
     channel : Channel
         What was fitted.
     t_ref_c : float
@@ -151,7 +151,7 @@ def _inside(fit: ModelFit, t_ref_c: float, low: float, high: float) -> Inside:
     )
 
 
-def _holders(line: Linearised, name: str) -> tuple[str, ...]:
+def _holders(line: LinearisedFit, name: str) -> tuple[str, ...]:
     """Return the coefficients that take up one that is not in the model."""
     a_i, x = line.record["a_i_g"], line.record["x_c"]
     if name in STATIC_NAMES:
@@ -164,7 +164,7 @@ def _holders(line: Linearised, name: str) -> tuple[str, ...]:
 LAG_S, LOOP_UG, DRIFT_UG_H = 120.0, 20.0, 10.0
 
 
-def _one_way(line: Linearised, channel: Channel) -> Iterator[tuple[str, float, float]]:
+def _one_way(line: LinearisedFit, channel: Channel) -> Iterator[tuple[str, float, float]]:
     """Yield effects of an ordinary size with how far they would move K0 and K1, µg and ppm."""
     moving = channel.direction != 0
     if not np.any(moving):

@@ -7,7 +7,7 @@ import numpy as np
 from errormodel.arrays import FloatArray
 from errormodel.fit import ModelFit
 from errormodel.record import Record
-from thermo.uncertainty.linearised import Effects, Linearised
+from thermo.uncertainty.linearised import Effects, LinearisedFit
 
 ARCSEC = np.pi / 180.0 / 3600.0
 SIGMAS = 3.0  # of the noise: errors of single positions count when they stand out by that
@@ -17,7 +17,7 @@ FUNCTIONS = 5  # an offset and two harmonics
 STEP_RAD = 1e-4  # of the central difference: what is left of it is 1e-9 of the slope
 
 
-def with_head_accuracy(line: Linearised, sigma_arcsec: float) -> Linearised:
+def with_head_accuracy(line: LinearisedFit, sigma_arcsec: float) -> LinearisedFit:
     """Add to a fit's covariance what the head's angle may be wrong by.
 
     The head's error is an unknown smooth function of its own angle, the same at every visit: an
@@ -29,7 +29,7 @@ def with_head_accuracy(line: Linearised, sigma_arcsec: float) -> Linearised:
 
     Parameters
     ----------
-    line : Linearised
+    line : LinearisedFit
         Of a record with the signals ``a_i_g``, ``a_p_g`` and ``head_deg``.
     sigma_arcsec : float
         1 sigma of the head's angle, ″.
@@ -53,7 +53,7 @@ def with_head_accuracy(line: Linearised, sigma_arcsec: float) -> Linearised:
     return replace(line, fit=replace(line.fit, cov=cov))
 
 
-def _stand_out(line: Linearised, own: Effects, smooth: Effects, count: int) -> bool:
+def _stand_out(line: LinearisedFit, own: Effects, smooth: Effects, count: int) -> bool:
     """Tell whether single positions err by what neither the model nor a smooth function holds."""
     gram, size2, own2 = np.zeros((FUNCTIONS + count,) * 2), 0.0, 0.0
     for rows, left in line.left(lambda rows: np.hstack([smooth(rows), own(rows)])):

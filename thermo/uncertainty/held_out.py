@@ -13,7 +13,7 @@ from errormodel.record import Record
 from errormodel.run_effects import Z95, RunEffect
 from thermo.recording.channel import Channel
 from thermo.selection.residuals import ResidualSummary, summarise
-from thermo.uncertainty.linearised import Linearised
+from thermo.uncertainty.linearised import LinearisedFit
 
 QUANTILES = 4000  # of what is not known exactly
 FINE = 16  # steps of an octave
@@ -67,7 +67,7 @@ def _left_ug(model: ErrorModel, record: Record, values: Mapping[str, float]) -> 
     return np.multiply(left, 1e6, out=left)
 
 
-def heldout_sigma_ug(line: Linearised, noise_cov: FloatArray, rms_ug: float) -> float | None:
+def heldout_sigma_ug(line: LinearisedFit, noise_cov: FloatArray, rms_ug: float) -> float | None:
     """Return the sigma of a held-out rms for what further runs leave; None with a single run.
 
     1.96 of it about the rms hold, with 95 %, what the model leaves of many further runs. Their
@@ -77,7 +77,7 @@ def heldout_sigma_ug(line: Linearised, noise_cov: FloatArray, rms_ug: float) -> 
 
     Parameters
     ----------
-    line : Linearised
+    line : LinearisedFit
         With its run effects.
     noise_cov : ndarray, shape (p, p)
         Covariance of the coefficients by the noise alone.
@@ -116,7 +116,7 @@ def _likely_sigmas(effect: RunEffect) -> FloatArray:
     return np.where(wanted < none, 0.0, sigmas)
 
 
-def _within_runs(line: Linearised, by_coefficients: float) -> FloatArray:
+def _within_runs(line: LinearisedFit, by_coefficients: float) -> FloatArray:
     """Return what the mean square within runs may be, as likely each (χ², Satterthwaite 1946)."""
     noise = line.noise
     white, slow = noise.white**2, noise.drift**2 + by_coefficients

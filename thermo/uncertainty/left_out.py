@@ -13,7 +13,7 @@ import numpy as np
 
 from errormodel.arrays import rms
 from thermo.recording.channel import Channel
-from thermo.uncertainty.linearised import Linearised, effect_of
+from thermo.uncertainty.linearised import LinearisedFit, whole_effect
 from thermo.uncertainty.missing_effects import Missing, missing_effects
 
 SIGMAS = 5.0  # of some thirty effects looked for: one false alarm in 100 000 fits of normal noise
@@ -44,16 +44,16 @@ class LeftOut:
     sigmas: float
 
 
-def left_out(line: Linearised, channel: Channel) -> tuple[LeftOut, ...]:
+def left_out(line: LinearisedFit, channel: Channel) -> tuple[LeftOut, ...]:
     """Return what the residual follows, the most significant first."""
     # map holds no effect while the next one is made: a recording may be long
     found = [one for one in map(partial(_told, line), missing_effects(line, channel)) if one]
     return tuple(sorted(found, key=lambda one: -one.sigmas))
 
 
-def _told(line: Linearised, effect: Missing) -> LeftOut | None:
+def _told(line: LinearisedFit, effect: Missing) -> LeftOut | None:
     """Return an effect that the residual follows; None where it does not."""
-    sums = line.sums(line.left(effect_of(effect.column)))
+    sums = line.sums(line.left(whole_effect(effect.column)))
     length2 = float(sums.gram[0, 0])
     if not length2 > LEAST_LEFT * float(effect.column @ effect.column):
         return None  # the model has it, or the readings cannot tell it from what it has
@@ -83,35 +83,36 @@ def dwell_s(channel: Channel) -> float | None:
     return (float(np.median(spans)) if spans else 0.0) + float(np.median(steps))
 
 
-def noise_sentences(line: Linearised, channel: Channel) -> Iterator[str]:
+def noise_sentences(line: LinearisedFit, channel: Channel) -> Iterator[str]:
     """Tell where the residual is no noise of the kind that the sigmas assume."""
     noise = line.noise
     left, stated = rms(line.residual), float(np.hypot(noise.white, noise.drift))
     if left > MORE_THAN_NOISE * stated:
         yield (
-            f"the residual is {left / stated:.2g} times the noise that each run shows in itself "
-            f"({1e6 * left:.3g} µg against {1e6 * stated:.3g} µg): the runs differ, or something "
-            "that lasts a run is missing"
+            f"the residual is {left / stated:.2g} times the noise within the runs "
+            f"({1e6 * left:.3g} µg against {1e6 * stated:.3g} µg): the runs differ, or an effect "
+            f"that is constant within a run is missing"
         )
     if channel.has_input and left > GROSS_G:
         yield (
-            f"the residual is {1e3 * left:.3g} mg: no quartz-flexure accelerometer errs by so much "
-            "once fitted; look for positions that are not what is recorded, a head still moving "
-            "while it is read, or a term left out; nothing here is to be believed"
+            f"the residual is {1e3 * left:.3g} mg: too large for a fitted quartz-flexure "
+            f"accelerometer; check for wrong positions, a head that moves during the readings, "
+            f"or a missing term; do not use these results"
         )
     dwell = dwell_s(channel)
     if dwell and noise.drift > noise.white and noise.drift_tau_s < 2.0 * dwell:
         yield (
             f"{1e6 * noise.drift:.3g} µg of the residual change within {noise.drift_tau_s:.0f} s, "
-            f"about as often as the position (every {dwell:.0f} s): that is no drift, but "
-            "something that follows position or temperature: a lag, a head that moves or errs, a "
-            "term left out, or an output coarser than its noise"
+            f"about as often as the position (every {dwell:.0f} s): this is not drift but an "
+            f"effect of position or temperature: a lag, a head that moves or has an error, a "
+            f"missing term, or an output coarser than its noise"
         )
     spans = [float(np.ptp(line.record.time_s[r])) for r in line.record.run_slices]
     if noise.drift > noise.white and noise.drift_tau_s > 2.0 * max(spans):
         yield (
-            f"the bias drifts for longer than a run lasts ({noise.drift_tau_s / 3600:.2g} h): "
-            "where temperature and time go together, K0 over temperature holds part of it"
+            f"the correlation time of the bias drift is longer than a run "
+            f"({noise.drift_tau_s / 3600:.2g} h): where temperature and time change together, K0 "
+            f"over temperature absorbs part of it"
         )
 
 
@@ -124,6 +125,6 @@ def left_out_sentence(found: tuple[LeftOut, ...]) -> str:
     which = ", or ".join(list(dict.fromkeys(alike))[:3])
     return (
         f"the residual still follows {which} ({first.rms_ug:.3g} µg rms, {first.sigmas:.2g} "
-        "sigma): the model lacks something, and its sigmas do not allow for that; accelbench "
-        "discrepancy thermal looks for it"
+        "sigma): the model lacks an effect, and the sigmas do not include it; accelbench "
+        "discrepancy thermal searches for it"
     )

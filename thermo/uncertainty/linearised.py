@@ -25,7 +25,7 @@ from thermo.library import MAX_ORDER
 Effects: TypeAlias = Callable[[slice], FloatArray]
 
 
-def effect_of(whole: FloatArray) -> Effects:
+def whole_effect(whole: FloatArray) -> Effects:
     """Return one effect that stands whole, shape (n,)."""
     return lambda rows: whole[rows, None]
 
@@ -56,7 +56,7 @@ class Sums:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Linearised:
+class LinearisedFit:
     """The derivative of a model at its fit, with equal weights.
 
     Attributes
@@ -180,11 +180,11 @@ class Linearised:
         return np.asarray(self.columns @ temperature_direction(self.fit))
 
 
-def linearised(fit: ModelFit, record: Record) -> Linearised:
+def linearised(fit: ModelFit, record: Record) -> LinearisedFit:
     """Return a fit with its derivative, and the directions in which its runs may differ."""
     values = fit.as_dict()
     residual = np.asarray(record.output) - fit.model.simulate(record, values)
-    return Linearised(
+    return LinearisedFit(
         fit=fit,
         record=record,
         columns=Columns(fit.model, record, values),

@@ -8,14 +8,14 @@ from numpy.typing import NDArray
 from errormodel.arrays import FloatArray
 from thermo.recording.channel import Channel
 from thermo.selection.residuals import loop_cells
-from thermo.uncertainty.linearised import Linearised
+from thermo.uncertainty.linearised import LinearisedFit
 
 DRAWS = 4000  # the sigma is then known to 2 %
 SEED = 1
 Z95 = 1.959964
 
 
-def loop_sigma_ug(line: Linearised, channel: Channel) -> float | None:
+def loop_sigma_ug(line: LinearisedFit, channel: Channel) -> float | None:
     """Return the sigma of heating minus cooling, µg; None with one direction only.
 
     White noise is new in each cell, the drift is shared by neighbours, and where runs differ in
@@ -25,7 +25,7 @@ def loop_sigma_ug(line: Linearised, channel: Channel) -> float | None:
 
     Parameters
     ----------
-    line : Linearised
+    line : LinearisedFit
         With its run effects.
     channel : Channel
         What was fitted.

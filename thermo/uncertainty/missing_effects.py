@@ -11,7 +11,7 @@ from errormodel.model import ErrorModel
 from thermo.library import MAX_ORDER, STATIC_NAMES, term
 from thermo.recording.channel import Channel
 from thermo.recording.runs import FORCES
-from thermo.uncertainty.linearised import Linearised
+from thermo.uncertainty.linearised import LinearisedFit
 
 HIGHEST = 8
 LOOP_WIDTH_C = 10.0
@@ -41,7 +41,7 @@ class Missing:
     words: str = ""
 
 
-def missing_effects(line: Linearised, channel: Channel) -> Iterator[Missing]:
+def missing_effects(line: LinearisedFit, channel: Channel) -> Iterator[Missing]:
     """Yield what a model may lack, one at a time: a recording may be long."""
     if _moves(line):
         yield from _orders(line, channel)
@@ -58,7 +58,7 @@ def missing_effects(line: Linearised, channel: Channel) -> Iterator[Missing]:
     yield from effects_that_hide(line, channel)
 
 
-def effects_that_hide(line: Linearised, channel: Channel) -> Iterator[Missing]:
+def effects_that_hide(line: LinearisedFit, channel: Channel) -> Iterator[Missing]:
     """Yield those that many tests cannot show, with `words`."""
     moves = _moves(line)
     loop = _loop(line) if moves else np.zeros(0)
@@ -119,11 +119,11 @@ def effects_that_hide(line: Linearised, channel: Channel) -> Iterator[Missing]:
         )
 
 
-def _moves(line: Linearised) -> bool:
+def _moves(line: LinearisedFit) -> bool:
     return float(np.ptp(line.record["x_c"])) > 0.0
 
 
-def _rates(line: Linearised, channel: Channel) -> Iterator[Missing]:
+def _rates(line: LinearisedFit, channel: Channel) -> Iterator[Missing]:
     record = line.record
     rate = record["rate_c_per_min"]
     yield Missing(
@@ -138,7 +138,7 @@ def _rates(line: Linearised, channel: Channel) -> Iterator[Missing]:
         yield Missing(name="temperature_rate_scale", follows=times, column=rate * record["a_i_g"])
 
 
-def _orders(line: Linearised, channel: Channel) -> Iterator[Missing]:
+def _orders(line: LinearisedFit, channel: Channel) -> Iterator[Missing]:
     x, held = line.record["x_c"], set(line.fit.names)
     ends = [float(x.min()), float(x.max())]
     for order in range(1, HIGHEST + 1):
@@ -152,7 +152,7 @@ def _orders(line: Linearised, channel: Channel) -> Iterator[Missing]:
             yield Missing(name=f"k1{name}", follows=times, column=shape * line.record["a_i_g"])
 
 
-def _static(line: Linearised, name: str) -> FloatArray:
+def _static(line: LinearisedFit, name: str) -> FloatArray:
     alone = ErrorModel((term(name),))
     return alone.simulate(line.record, {name: 1.0}) - line.record["a_i_g"]
 
@@ -162,14 +162,14 @@ def _there(effect: Missing) -> Iterator[Missing]:
         yield effect
 
 
-def _loop(line: Linearised) -> FloatArray:
+def _loop(line: LinearisedFit) -> FloatArray:
     """Return a loop of unit size: over a range narrower than its width it is nearly a slope."""
     values = {"bias_hysteresis": 1.0, "bias_hysteresis_width": LOOP_WIDTH_C}
     at_rest = line.record.with_signals(a_i_g=np.zeros(len(line.record)))
     return ErrorModel((term("bias_hysteresis"),)).simulate(at_rest, values)
 
 
-def _first_after_moves(line: Linearised) -> FloatArray:
+def _first_after_moves(line: LinearisedFit) -> FloatArray:
     """Return 1 for a reading whose position is another than that of the one before, else 0."""
     record = line.record
     moved = np.zeros(len(record))

@@ -14,7 +14,7 @@ from errormodel.arrays import FloatArray
 from thermo.library import MAX_ORDER, STATIC_NAMES
 from thermo.recording.channel import Channel
 from thermo.uncertainty.left_out import WORTH, LeftOut
-from thermo.uncertainty.linearised import Linearised, effect_of
+from thermo.uncertainty.linearised import LinearisedFit, whole_effect
 from thermo.uncertainty.missing_effects import effects_that_hide
 
 HIDDEN = WORTH**2 / (1.0 + WORTH**2)  # of an effect's square: less is left of one that hides
@@ -40,13 +40,13 @@ class NotShown:
 
 
 def not_shown(
-    line: Linearised, channel: Channel, told: Sequence[LeftOut] = ()
+    line: LinearisedFit, channel: Channel, told: Sequence[LeftOut] = ()
 ) -> tuple[NotShown, ...]:
     """Return the effects that a test cannot show, or hardly.
 
     Parameters
     ----------
-    line : Linearised
+    line : LinearisedFit
     channel : Channel
         What was fitted.
     told : sequence of LeftOut
@@ -66,11 +66,11 @@ def not_shown(
     return tuple(found)
 
 
-def _left(line: Linearised, column: FloatArray) -> FloatArray:
-    return np.concatenate([left[:, 0] for _, left in line.left(effect_of(column))])
+def _left(line: LinearisedFit, column: FloatArray) -> FloatArray:
+    return np.concatenate([left[:, 0] for _, left in line.left(whole_effect(column))])
 
 
-def holders(line: Linearised, column: FloatArray) -> tuple[str, ...]:
+def holders(line: LinearisedFit, column: FloatArray) -> tuple[str, ...]:
     """Return the coefficients that take up an effect, the one that takes up the most first.
 
     Taken about the middle of the readings: far from it the powers of x are nearly alike, and each
@@ -112,6 +112,6 @@ def not_shown_sentence(found: Sequence[NotShown]) -> str:
         return ""
     told = ", ".join(f"{one.words} (in {' and '.join(one.stands_in)})" for one in found)
     return (
-        "this test cannot show, or hardly, what would stand in coefficients, and no sigma allows "
-        f"for it: {told}"
+        "this test hardly shows effects that coefficients would absorb, and no sigma includes "
+        f"them: {told}"
     )

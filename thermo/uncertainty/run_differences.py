@@ -8,7 +8,7 @@ from scipy import stats
 from errormodel.arrays import FloatArray
 from errormodel.columns import Columns
 from errormodel.run_effects import estimate_run_effects, run_grams
-from thermo.uncertainty.linearised import Linearised, run_names
+from thermo.uncertainty.linearised import LinearisedFit, run_names
 
 MIN_RUNS = 4  # fewer do not tell the odd one
 ODD = 0.002  # probability that one of the runs is called odd by chance
@@ -33,7 +33,7 @@ class OddRun:
     sigma: float
 
 
-def with_run_effects(line: Linearised, flat_x_c: FloatArray) -> Linearised:
+def with_run_effects(line: LinearisedFit, flat_x_c: FloatArray) -> LinearisedFit:
     """Estimate how runs differ, and put it into the covariance of the fit.
 
     What the estimates take up of it, as what the runs have in common, no residual shows: it is
@@ -63,7 +63,7 @@ def with_run_effects(line: Linearised, flat_x_c: FloatArray) -> Linearised:
     return replace(line, fit=replace(line.fit, cov=cov), run_effects=effects)
 
 
-def odd_run(line: Linearised, run_ids: tuple[str, ...]) -> OddRun | None:
+def odd_run(line: LinearisedFit, run_ids: tuple[str, ...]) -> OddRun | None:
     """Return the run that lies farthest from the others, None when none is odd."""
     if len(run_ids) < MIN_RUNS:
         return None

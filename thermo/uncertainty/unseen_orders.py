@@ -32,7 +32,7 @@ from errormodel.linear import triangle_of
 from thermo.library import MAX_ORDER
 from thermo.recording.channel import Channel
 from thermo.selection.support import settled
-from thermo.uncertainty.linearised import Linearised
+from thermo.uncertainty.linearised import LinearisedFit
 from thermo.uncertainty.order_choice import FAMILIES
 
 # What polynomials of quartz-flexure accelerometers are like, 1 sigma: 20 µg/°C and 150 ppm/°C, and
@@ -69,13 +69,13 @@ class Unseen:
 
 
 def unseen_orders(
-    line: Linearised, channel: Channel, *, chosen: bool, outside: bool
+    line: LinearisedFit, channel: Channel, *, chosen: bool, outside: bool
 ) -> tuple[Unseen, ...]:
     """Return the orders that are not in a model, with what they may do to it.
 
     Parameters
     ----------
-    line : Linearised
+    line : LinearisedFit
     channel : Channel
         What was fitted.
     chosen : bool
@@ -120,14 +120,14 @@ def root_mean_square(amount: float, sigma: float) -> float:
     return sigma * float(np.sqrt(there * (1.0 + square)))
 
 
-def _top(line: Linearised, family: str) -> int:
+def _top(line: LinearisedFit, family: str) -> int:
     """Return the highest order in a model; that of all orders where it has gaps or none at all."""
     orders = [k for k in range(1, MAX_ORDER + 1) if f"{family}_t{k}" in line.fit.names]
     whole = family in line.fit.names and orders == list(range(1, len(orders) + 1))
     return len(orders) if whole else MAX_ORDER
 
 
-def _usual(line: Linearised, channel: Channel, family: str, order: int) -> float:
+def _usual(line: LinearisedFit, channel: Channel, family: str, order: int) -> float:
     """Return what accelerometers have of an order, 1 sigma, per °C to its power.
 
     Without K1 in the model, K0 holds the input times K1 too: 1 g where it is not known.
@@ -139,7 +139,7 @@ def _usual(line: Linearised, channel: Channel, family: str, order: int) -> float
     return linear * QUARTER ** (order - 1) / SCALE_C**order
 
 
-def _there(line: Linearised, family: str, order: int, centre: float) -> dict[str, float]:
+def _there(line: LinearisedFit, family: str, order: int, centre: float) -> dict[str, float]:
     """Return (x − centre)^order by the coefficients of the polynomial in x."""
     powers: dict[str, float] = {}
     for k in range(order + 1):
@@ -157,7 +157,7 @@ class _Held:
     """
 
     def __init__(
-        self, line: Linearised, flat: FloatArray, centre: float, above: list[tuple[int, str]]
+        self, line: LinearisedFit, flat: FloatArray, centre: float, above: list[tuple[int, str]]
     ) -> None:
         self.line, self._flat, self._centre, self._above = line, flat, centre, above
         still = line.record.with_signals(x_c=flat)

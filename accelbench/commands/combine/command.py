@@ -23,18 +23,18 @@ from accelbench.shell.outputs import (
 @click.option(
     "--groups", multiple=True, metavar="NAME", help="Also estimate, e.g. lever_arm; repeatable."
 )
-@click.option("--priors", type=Path, help="PRIORS.toml: other sigmas and means beforehand.")
+@click.option("--priors", type=Path, help="PRIORS.toml: other prior sigmas and means.")
 @click.option("--turn-on-ug", type=click.FloatRange(min=0.0), default=0.0,
-              help="Sigma by which K0 may have changed since the chamber, µg.")  # fmt: skip
+              help="Change of K0 since the chamber test, 1 sigma, µg.")  # fmt: skip
 @click.option("--turn-on-ppm", type=click.FloatRange(min=0.0), default=0.0,
-              help="Sigma by which K1 may have changed since the chamber, ppm.")  # fmt: skip
+              help="Change of K1 since the chamber test, 1 sigma, ppm.")  # fmt: skip
 @click.option("--out", type=Path, help="RESULT.json to write: the compensation file for flight.")
 @click.option("--report", type=Path, help="Folder for the report and its figures.")
 @force_option
 @library_option()
 @json_option
 def combine(**given: Any) -> int:
-    """Calibrate a SINS that warms itself, rig and chamber correcting each other.
+    """Calibrate a SINS that warms up, with its rig run and its chamber models together.
 
     Exit code 1 when rig and chamber contradict each other or the iteration does not come to rest.
     In Python: accelbench.combine.

@@ -133,9 +133,9 @@ def draw_models(made: Combination, run: RigRun, chambers: Sequence[ChamberModel]
     own = ["combined", f"combined ± {SIGMAS:g} sigma", "chamber", f"chamber ± {SIGMAS:g} sigma"]
     legend_below(figure, handles, own, enlarge=1.0)
     caption = (
-        "Bias and scale factor over the temperatures of the run, less those at the reference "
-        "temperature; below each how far the chamber's model is from the combined calibration. "
-        "A combined line outside the chamber's band is a contradiction."
+        "Bias and scale factor over the temperatures of the run, minus those at the reference "
+        "temperature; below each the difference between the chamber's model and the combined "
+        "calibration. A combined line outside the chamber's band is a contradiction."
     )
     return picture(figure, "models.png", caption)
 
@@ -156,11 +156,11 @@ def draw_moved(result: CombinedResult) -> Picture:
     right.set_xlim(0.0, 1.05)
     left.set_yticks(place, names)
     left.invert_yaxis()
-    dress(left, x="moved by, sigmas of the chamber")
-    dress(right, x="sigma left, of the chamber's")
+    dress(left, x="change, sigmas of the chamber")
+    dress(right, x="sigma, share of the chamber's")
     caption = (
-        f"What the rig changed of the chamber's coefficients; the band is ± {SIGMAS:g} sigma. "
-        "A coefficient that the rig does not show keeps its value and all of its sigma."
+        f"Change of the chamber's coefficients due to the rig; the band is ± {SIGMAS:g} sigma. "
+        "A coefficient that the rig does not determine keeps its value and its sigma."
     )
     return picture(figure, "moved.png", caption)
 

@@ -29,18 +29,21 @@ def chamber_lines(result: CombinedResult) -> Iterator[str]:
     test, flight = result.chamber_test, result.flight_m
     yield (
         f"rig against chamber: χ² {number(test.chi2)} with {test.dof} degrees of freedom, "
-        f"p {number(test.p_value, 2)} (told as a contradiction below 0.001)"
+        f"p {number(test.p_value, 2)} (reported as a contradiction if p < 0.001)"
     )
     yield (
         f"flight error ρ after an hour: {flight.no_thermal:.0f} m without thermal model, "
         f"{flight.before:.0f} m with it applied beforehand, {flight.combined:.0f} m combined"
     )
     if flight.combined > HELPS * flight.before:
-        yield "combining rig and chamber makes this flight no better than applying the models first"
+        yield (
+            "for this flight, combining rig and chamber is not better than applying the models "
+            "first"
+        )
     for line in result.contradictions:
         yield f"contradiction: {line}"
     if not result.converged:
-        yield "not converged: the values are not to be used"
+        yield "not converged: do not use the values"
 
 
 def combined_text(result: CombinedResult) -> Iterator[RenderableType]:

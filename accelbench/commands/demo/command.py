@@ -15,26 +15,27 @@ from accelbench.shell.outputs import json_option
     type=Path,
     default=Path("accelbench-demo"),
     show_default=True,
-    help="A numbered folder is made in it.",
+    help="Folder in which a numbered folder is created.",
 )
 @click.option(
     "--hidden",
     metavar="EFFECT",
     is_flag=False,
     flag_value="",
-    help="Hide an effect in one accelerometer and find it.",
+    help="Hide an effect in one accelerometer and find it; unknown: one that is in no library.",
 )
 @click.option(
     "--speed",
     type=click.FloatRange(min=0, min_open=True),
-    help="Multiple of real time; as fast as can be if not given.",
+    help="Multiple of real time; as fast as possible if not given.",
 )
 @click.option(
     "--seed",
     type=click.IntRange(min=0),
     default=1,
     show_default=True,
-    help="With --hidden: of the accelerometers, of who has it, and of all noise.",
+    help="With --hidden: seed of the accelerometers, of the choice of the affected one, and of "
+    "all noise.",
 )
 @library_option()
 @json_option
@@ -47,7 +48,8 @@ def demo(**given: Any) -> int:
 
     With --hidden one of three accelerometers has an effect that the program is not told of: it is
     measured, named by `discrepancy` from the recorded file, and the larger model is emulated beside
-    the next run. In Python: accelbench.commands.demo.hidden.run_hidden_demo.
+    the next run. With --hidden unknown the effect is in no library: a shape is built in place
+    of a name. In Python: accelbench.commands.demo.hidden.run_hidden_demo.
     """
     from accelbench.commands.demo.work import demo as work
 

@@ -8,41 +8,42 @@ model is loaded into an emulated accelerometer beside the real one, and the next
 import json
 import os
 import time
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime, timedelta
 from functools import reduce
-from importlib import resources
 from pathlib import Path
 
 import numpy as np
 
+from accelbench.commands.demo.hidden_bench import (
+    Bench,
+    TestEndedError,
+    Units,
+    Watch,
+    hidden_sequence,
+)
 from accelbench.commands.demo.hidden_page import NextRun, hidden_report
-from accelbench.commands.demo.steps import Steps
+from accelbench.commands.demo.steps import DemoSteps
 from accelbench.commands.discrepancy.larger_model import (
     fitted_file,
     larger_terms,
     larger_toml,
     present_terms,
+    shape_library,
+    with_shapes,
 )
+from accelbench.commands.discrepancy.text import larger
 from accelbench.shell.outputs import REPORT_NAME
-from drivers.clock import SteppedClock
 from errormodel.io.atomic import write_files
+from errormodel.io.python_file import PythonFile
 from thermo.compensation.model_file import dump_model, read_model
 from thermo.discrepancy.experiment import Experiment
 from thermo.discrepancy.find import Discrepancy, find_discrepancy
-from thermo.launch.emulated import run_emulated
-from thermo.planning.default_station import default_station
 from thermo.planning.sequence import Sequence as TestSequence
-from thermo.planning.sequence import TestedAccelerometer, load_sequence, parse_sequence
+from thermo.planning.sequence import TestedAccelerometer, load_sequence
 from thermo.recording.channel import channel_of
-from thermo.recording.files import RecordedRuns, join_runs, read_runs, write_runs
-from thermo.station.job import make_job
-from thermo.station.outcome import Observer, TestOutcome
-from thermo.store.files import open_existing_store, recorded_runs
-from thermo.twin.accelerometer import EmulatedAccelerometer
-from thermo.twin.plant import Twin, TwinSettings
+from thermo.recording.files import RecordedRuns, join_runs, read_runs
+from thermo.station.outcome import TestOutcome
 from thermo.twin.planted import (
     plain_accelerometer,
     plantable,
@@ -50,18 +51,13 @@ from thermo.twin.planted import (
     size_in_words,
     who_has_it,
 )
+from thermo.twin.unknown import UNKNOWN
 
 Tell = Callable[[str], None]
-Watch = Callable[[TestSequence], AbstractContextManager[Sequence[Observer]]]
-# The head is adjusted: its own errors are no accelerometer's, and all would show them.
-SETTINGS = TwinSettings(head_offset_arcsec=0.0, head_harmonic_arcsec=0.0)
 PRESENT, LARGER = "present model", "larger model"
-DAY_S = 86_400.0
 # How long the steps take beside each other, as measured.
 NIGHT, SEARCH, EXPERIMENT, NEXT_RUN = 24.0, 8.0, 30.0, 8.0
 MOST_EXPERIMENTS = 2
-MOST_TESTS = 100  # of one demonstration: the noise of each is drawn from its own seed
-Units = Mapping[str, EmulatedAccelerometer]
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -101,70 +97,19 @@ class HiddenDemo:
 
     @property
     def right(self) -> bool:
-        """True when the accelerometer's effect alone was named, and of the others nothing."""
+        """True when the accelerometer's effect alone was named, and of the others nothing.
+
+        Of an effect that no library has: no name was given, and a shape was built.
+        """
         said = {d.serial: [e.name for e in d.effects] for d in self.verdicts if not d.alias_sets}
         others = [d for d in self.verdicts if d.serial != self.serial]
-        return said.get(self.serial) == [self.effect] and all(
-            d.verdict == "nothing" for d in others
+        expected = [] if self.effect == UNKNOWN else [self.effect]
+        built = self.serial in {d.serial for d in self.verdicts if d.shape is not None}
+        return (
+            said.get(self.serial) == expected
+            and built == (self.effect == UNKNOWN)
+            and all(d.verdict == "nothing" for d in others)
         )
-
-
-def hidden_sequence() -> TestSequence:
-    """Return the sequence that is run, as it is shipped."""
-    file = resources.files("accelbench").joinpath("examples/sequences/demo-hidden.toml")
-    return parse_sequence(file.read_text(encoding="utf-8"), "demo-hidden.toml")
-
-
-class _TestEndedError(Exception):
-    """A test did not finish."""
-
-    def __init__(self, outcome: TestOutcome) -> None:
-        super().__init__(outcome.reason)
-        self.outcome = outcome
-
-
-class _Bench:
-    """The emulated station: one test after another, days later, with noise of its own."""
-
-    def __init__(self, folder: Path, watch: Watch, seed: int) -> None:
-        self.folder, self.watch, self.seed = folder, watch, seed
-        self.began = datetime.now(UTC)
-        self.tests = 0
-
-    def measure(self, name: str, sequence: TestSequence, units: Units) -> Path:
-        """Run a sequence and return the recorded file."""
-        self.tests += 1
-        config = default_station(sequence)
-        mounts = {a.serial: a.mount_deg for a in sequence.accelerometers}
-        plant = Twin(
-            config.inputs,
-            units,
-            SETTINGS,
-            MOST_TESTS * self.seed + self.tests,
-            mounts,
-            config.signal_channels,
-        )
-        store_path = str(self.folder / "store.sqlite")
-        with self.watch(sequence) as observers:
-            outcome = run_emulated(
-                make_job(sequence, store_path),
-                plant=plant,
-                clock=SteppedClock((self.tests - 1) * 3 * DAY_S),
-                observers=observers,
-            )
-        if outcome.status != "finished":
-            raise _TestEndedError(outcome)
-        with open_existing_store(store_path) as store:
-            (record,) = recorded_runs(store, outcome.test_id)
-            begun = store.test(outcome.test_id).runs
-        # by the station's clock, whose days pass in seconds: the wall would lay tests over another
-        starts = {
-            run_id: self.began + timedelta(seconds=run.start_clock_s or 0.0)
-            for run_id, run in zip(record.run_ids, begun, strict=True)
-        }
-        path = self.folder / f"{name}.csv"
-        write_runs(replace(record, run_start_utc=starts), path)
-        return path
 
 
 def run_hidden_demo(
@@ -183,7 +128,7 @@ def run_hidden_demo(
     folder : Path
         Where everything goes: recorded runs, models, the proposed sequences, the report, the key.
     effect : str or None
-        An effect of the library that has an example.
+        An effect of the library that has an example, or "unknown": one that is in no library.
     watch : callable
         Gives a test's observers, as a context.
     sequence : TestSequence, optional
@@ -202,7 +147,7 @@ def run_hidden_demo(
     InputError
         If no accelerometer can have that effect.
     """
-    planted, began_s = plantable(effect), time.monotonic()
+    planted, began_s = plantable(effect, seed), time.monotonic()
     assert effect is not None
     sequence = sequence or hidden_sequence()
     serials = tuple(a.serial for a in sequence.accelerometers)
@@ -213,16 +158,16 @@ def run_hidden_demo(
         s: plain_accelerometer(s, planted if s == serial else None, seed=seed) for s in serials
     }
     try:
-        made = _search(_Bench(folder, watch, seed), units, sequence, tell)
-    except _TestEndedError as ended:
+        made = _search(Bench(folder, watch, seed), units, sequence, tell)
+    except TestEndedError as ended:
         made = HiddenDemo(folder=folder, failed=ended.outcome)
     opened = json.loads((folder / "key.json").read_text(encoding="utf-8"))
     return replace(made, **opened, seconds=time.monotonic() - began_s)
 
 
-def _search(bench: _Bench, units: Units, sequence: TestSequence, tell: Tell) -> HiddenDemo:
+def _search(bench: Bench, units: Units, sequence: TestSequence, tell: Tell) -> HiddenDemo:
     """Measure, name, settle what is open, and close the gap."""
-    steps = Steps(tell, [NIGHT, *[SEARCH for _ in units], NEXT_RUN])
+    steps = DemoSteps(tell, [NIGHT, *[SEARCH for _ in units], NEXT_RUN])
     steps.next(f"a night of {len(units)} accelerometers")
     runs = read_runs([bench.measure("run", sequence, units)])
     first: list[Discrepancy] = []
@@ -230,7 +175,9 @@ def _search(bench: _Bench, units: Units, sequence: TestSequence, tell: Tell) -> 
     experiments: list[Experiment] = []
     seen: dict[str, RecordedRuns] = {}
     for serial in units:
-        steps.next(f"what is missing from the model of {serial}, by the recorded file alone")
+        steps.next(
+            f"search for a missing effect in the model of {serial}, by the recorded file alone"
+        )
         mine = runs.select(serial=serial)
         d = _found(mine, tell)
         settled, own, seen[serial] = _settled(bench, units, d, mine, steps)
@@ -243,15 +190,22 @@ def _search(bench: _Bench, units: Units, sequence: TestSequence, tell: Tell) -> 
         experiments=tuple(experiments),
         verdicts=tuple(verdicts),
     )
-    steps.next("the next run, beside what the models say of it, and the report")
-    found = [d for d in verdicts if d.effects]
+    steps.next("the next run compared with the models, and the report")
+    found = [d for d in verdicts if larger(d)]
     if not found:
         return made
-    strongest = max(found, key=lambda d: d.effects[0].strength_d)
+    strongest = max(found, key=_strength)
     next_run = _next_run(bench, units, sequence, strongest, seen[strongest.serial])
     files = hidden_report(verdicts, runs, next_run)
     write_files([(bench.folder / "report" / name, content) for name, content in files.items()])
     return replace(made, next_run=next_run, report=bench.folder / "report" / REPORT_NAME)
+
+
+def _strength(d: Discrepancy) -> float:
+    """Return how many of its own sigmas the first effect has, or the shape."""
+    if d.effects:
+        return d.effects[0].strength_d
+    return float(np.sqrt(d.shape.pattern.shape.gain)) if d.shape else 0.0
 
 
 def _found(runs: RecordedRuns, tell: Tell) -> Discrepancy:
@@ -264,7 +218,7 @@ def _found(runs: RecordedRuns, tell: Tell) -> Discrepancy:
 
 
 def _settled(
-    bench: _Bench, units: Units, d: Discrepancy, runs: RecordedRuns, steps: Steps
+    bench: Bench, units: Units, d: Discrepancy, runs: RecordedRuns, steps: DemoSteps
 ) -> tuple[Discrepancy, list[Experiment], RecordedRuns]:
     """Carry out the experiments that a verdict proposes until it is no alias set."""
     done: list[Experiment] = []
@@ -273,7 +227,7 @@ def _settled(
         if proposed is None or proposed.sequence is None:
             break
         steps.add(EXPERIMENT)
-        steps.next(f"{', '.join(d.alias_sets[0])} are not told apart: {proposed.text}")
+        steps.next(f"{', '.join(d.alias_sets[0])} cannot be separated: {proposed.text}")
         name = f"next-{d.serial}-{len(done) + 1}"
         write_files([(bench.folder / f"{name}.toml", proposed.toml().encode())])
         # a record's sidecar is NAME.toml as well: it has another name than its sequence
@@ -284,19 +238,33 @@ def _settled(
     return d, done, runs
 
 
-def _next_run(
-    bench: _Bench, units: Units, sequence: TestSequence, d: Discrepancy, runs: RecordedRuns
-) -> NextRun:
-    """Measure the accelerometer once more, its two models emulated beside it."""
-    one = next(a for a in sequence.accelerometers if a.serial == d.serial)
+def _shape_file(folder: Path, d: Discrepancy) -> PythonFile | None:
+    """Write the library of a verdict's shape beside the models; None where there is none."""
+    library = shape_library([d], folder / "larger_model.toml")
+    if library is not None:
+        write_files([(library.path, library.content)])
+    return library
+
+
+def _loaded_models(folder: Path, d: Discrepancy, runs: RecordedRuns) -> Units:
+    """Write both models of an accelerometer, and return emulated ones made of their files."""
     models = {
         PRESENT: fitted_file(runs, [(d.serial, present_terms(d))]),
         LARGER: fitted_file(runs, [(d.serial, larger_terms(d))]),
     }
-    paths = {name: bench.folder / f"{name.replace(' ', '_')}.json" for name in models}
+    paths = {name: folder / f"{name.replace(' ', '_')}.json" for name in models}
     write_files([(paths[n], dump_model(m).encode()) for n, m in models.items()])
-    write_files([(bench.folder / "larger_model.toml", larger_toml(d).encode())])
-    loaded = {name: simulated_by(read_model(path).of(d.serial)) for name, path in paths.items()}
+    write_files([(folder / "larger_model.toml", larger_toml(d).encode())])
+    return {name: simulated_by(read_model(path).of(d.serial)) for name, path in paths.items()}
+
+
+def _next_run(
+    bench: Bench, units: Units, sequence: TestSequence, d: Discrepancy, runs: RecordedRuns
+) -> NextRun:
+    """Measure the accelerometer once more, its two models emulated beside it."""
+    one = next(a for a in sequence.accelerometers if a.serial == d.serial)
+    with with_shapes(_shape_file(bench.folder, d)):
+        loaded = _loaded_models(bench.folder, d, runs)
     together = sequence.model_copy(
         update={
             "accelerometers": tuple(

@@ -17,9 +17,9 @@ from accelbench.shell.plotting import (
     file_part,
     legend_below,
     new_figure,
+    panel_unit,
     picture,
     thinned,
-    unit_of,
 )
 from errormodel.arrays import FloatArray, rms
 from thermo.discrepancy.find import Discrepancy
@@ -63,6 +63,11 @@ class NextRun:
         """Rms over the readings; see `told`."""
         return rms(self.told(self.after_ug))
 
+    @property
+    def over_noise(self) -> float:
+        """The gap with the larger model over what noise alone leaves."""
+        return self.gap_after_ug / self.floor_ug
+
     def told(self, values: FloatArray) -> FloatArray:
         """Return what a model could have told: all, or all but level and slope in time.
 
@@ -92,7 +97,7 @@ def hidden_report(
             title="",
             columns=("accelerometer", "present model, µg", "larger model, µg", "noise alone, µg"),
             rows=(row,),
-            note="Rms over readings of measured less emulated"
+            note="Rms over readings of measured minus emulated"
             + ("." if next_run.predictive else ", level and slope in time apart."),
         ),
         pictures=(draw_next_run(next_run),),
@@ -108,14 +113,14 @@ def next_run_lines(one: NextRun) -> tuple[str, ...]:
     text = (
         f"In the next run {one.serial} is {number(one.gap_before_ug)} µg from the present model in "
         f"the emulator and {number(one.gap_after_ug)} µg from the larger one; noise alone "
-        f"{number(one.floor_ug)} µg."
+        f"{number(one.floor_ug)} µg, and the larger model {number(one.over_noise, 3)} times that."
     )
     if one.predictive:
         return (text,)
     slope, level_ug = one.line(one.after_ug).tolist()
     return (
-        "The effect belonged to its moment: which level and which slope in time a new run has, no "
-        f"model of earlier ones tells (here {number(level_ug, 3)} µg and {number(slope, 2)} µg/h).",
+        "The effect does not repeat: a model of earlier runs cannot predict the level and the "
+        f"slope of a new run (here {number(level_ug, 3)} µg and {number(slope, 2)} µg/h).",
         f"These apart: {text[0].lower()}{text[1:]}",
     )
 
@@ -123,7 +128,7 @@ def next_run_lines(one: NextRun) -> tuple[str, ...]:
 def draw_next_run(one: NextRun) -> Picture:
     """Draw measured less emulated over the run, with either model."""
     before_ug, after_ug = one.told(one.before_ug), one.told(one.after_ug)
-    unit, divisor = unit_of(before_ug, after_ug)
+    unit, divisor = panel_unit(before_ug, after_ug)
     figure = new_figure(10.0, 4.2)
     panels = figure.subplots(1, 2, sharey=True)
     handles: dict[str, Any] = {}
@@ -151,5 +156,5 @@ def draw_next_run(one: NextRun) -> Picture:
             y=f"measured less emulated{apart}, {unit}" if axes is panels[0] else "",
         )
     legend_below(figure, list(handles.values()), list(handles))
-    caption = f"{one.serial}: the next run less what the emulator gives with each model loaded."
+    caption = f"{one.serial}: the next run minus the output of the emulator with each model."
     return picture(figure, f"next_run_{file_part(one.serial)}.png", caption)

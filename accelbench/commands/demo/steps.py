@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from thermo.planning.text import duration_text
 
 
-class Steps:
+class DemoSteps:
     """Tells what is being done.
 
     Parameters

@@ -36,7 +36,7 @@ def demo(out: Path, hidden: str | None, speed: float | None, seed: int, as_json:
     shell = current_shell()
     shell.terminal.detach()
     if hidden is None and seed != 1:
-        raise InputError("demo", "--seed", "belongs to the demonstration with --hidden")
+        raise InputError("demo", "--seed", "is allowed only with --hidden")
     if hidden is not None:
         return _hidden(out, hidden, speed, seed, as_json)
     sequence = demo_sequence()
@@ -61,9 +61,9 @@ def _hidden(out: Path, effect: str, speed: float | None, seed: int, as_json: boo
     from accelbench.commands.demo.hidden import run_hidden_demo  # its search takes its second
     from accelbench.commands.demo.hidden_text import hidden_document, hidden_text
 
-    plantable(effect)
+    plantable(effect, seed)
     if speed is not None:
-        raise InputError("demo", "--speed", "belongs to the demonstration without --hidden")
+        raise InputError("demo", "--speed", "is allowed only without --hidden")
 
     @contextmanager
     def watch(sequence: Sequence) -> Generator[tuple[Observer, ...]]:

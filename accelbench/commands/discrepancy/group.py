@@ -12,7 +12,7 @@ DISCREPANCY_COMMANDS = {
         "Name what the model of accelerometers over temperature lacks.",
     ),
     "rig": (
-        "discrepancy.rig_command",
+        "discrepancy.rig.command",
         "discrepancy_rig",
         "Name what the model of a SINS on a rig lacks.",
     ),
@@ -27,7 +27,7 @@ class _Discrepancy(LazyGroup):
 
 @click.group(cls=_Discrepancy)
 def discrepancy() -> None:
-    """Find where runs and model disagree, and name the effect that is missing.
+    """Find where runs and model disagree, and name the missing effect.
 
     Every command takes --json: one JSON document on standard output and nothing else.
     """

@@ -1,17 +1,24 @@
 """The larger model that a search found, as the files that the other commands take."""
 
 from collections.abc import Iterator, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 
 from errormodel.fit import examine
+from errormodel.io.python_file import PythonFile, run_python_text
 from errormodel.model import ErrorModel
 from errormodel.terms import Term
 from thermo.compensation.model_file import ModelFile, dump_model, make_model_file
 from thermo.compensation.terms_file import terms_toml
 from thermo.discrepancy.find import Discrepancy
-from thermo.discrepancy.source import Fitted
+from thermo.discrepancy.problem.refit import Fitted
+from thermo.discrepancy.shape.library_file import library_text
 from thermo.fitting.fit import TermsFile, fit_runs
+from thermo.library import using_thermal_library, with_thermal_file
+from thermo.library.quantities import QUANTITIES
 from thermo.recording.files import RecordedRuns
+from thermo.recording.further_columns import signal_of_column
+from thermo.recording.signals import signals
 
 
 def present_terms(d: Discrepancy) -> TermsFile:
@@ -70,6 +77,35 @@ def fitted_file(runs: RecordedRuns, terms: Sequence[tuple[str, TermsFile]]) -> M
     return make_model_file(fits)
 
 
+def library_path(out: Path) -> Path:
+    """Return where the shapes of a larger model go: effects of the user's own."""
+    return out.with_suffix(".py")
+
+
+def shape_library(found: Sequence[Discrepancy], out: Path) -> PythonFile | None:
+    """Return the library file of all shapes, with the recorded columns that they need.
+
+    None where nothing has a shape. It is not written yet.
+    """
+    shapes = [d.shape for d in found if d.shape is not None]
+    if not shapes:
+        return None
+    declared = {*QUANTITIES, *(one.name for one in signals())}
+    used = dict.fromkeys(s.pattern.quantity for s in shapes)
+    columns = [signal_of_column(name) for name in used if name not in declared]
+    return run_python_text(library_path(out), library_text(shapes, columns).encode())
+
+
+def with_shapes(library: PythonFile | None) -> AbstractContextManager[object]:
+    """Have the shapes of a library file among the effects until the end of a block.
+
+    The larger model of a discrepancy with a shape is made within: its terms, its fit, its lines.
+    """
+    if library is None:
+        return nullcontext()
+    return using_thermal_library(with_thermal_file(library))
+
+
 def model_files(
     runs: RecordedRuns, found: Sequence[Discrepancy], out: Path
 ) -> list[tuple[Path, bytes]]:
@@ -92,12 +128,23 @@ def model_paths(out: Path, count: int) -> list[Path]:
 
 def _foremost(found: Sequence[Discrepancy]) -> Discrepancy:
     """Return the first accelerometer from whose model something is missing, else the first."""
-    return next((d for d in found if d.effects), found[0])
+    return next((d for d in found if d.effects or d.shape), found[0])
 
 
-def model_lines(found: Sequence[Discrepancy], out: Path) -> Iterator[str]:
-    """Say which file holds whose model."""
-    what = "larger model" if any(d.effects for d in found) else "nothing to add; present model"
+def model_lines(
+    found: Sequence[Discrepancy], out: Path, libraries: Sequence[Path] = ()
+) -> Iterator[str]:
+    """Say which file holds whose model, and how it is used.
+
+    Parameters
+    ----------
+    found : sequence of Discrepancy
+    out : Path
+    libraries : sequence of Path
+        Files of the user's own that the search was given.
+    """
+    added = any(d.effects or d.shape for d in found)
+    what = "larger model" if added else "nothing to add; present model"
     paths = model_paths(out, len(found))
     yield f"{what}: {', '.join(str(p) for p in paths[:2])}"
     for d, path in zip(found, paths[2:], strict=False):  # of one alone there is no file
@@ -106,4 +153,12 @@ def model_lines(found: Sequence[Discrepancy], out: Path) -> Iterator[str]:
         kept = set(larger_terms(d).terms or ())
         lost = [t.name for t in d.after.model.terms if t.name not in kept]
         if lost:
-            yield f"left out for {d.serial}, these runs do not give all of it: {', '.join(lost)}"
+            yield (
+                f"left out for {d.serial}, these runs cannot determine all of its parameters: "
+                f"{', '.join(lost)}"
+            )
+    if any(d.shape for d in found):
+        own = library_path(out)
+        given = " ".join(f"--library {p}" for p in (*libraries, own))
+        yield f"effects without a name: {own}; every command takes it with the model, as in"
+        yield f"  accelbench compensate RUN.csv --model {out.with_suffix('.json')} {given}"

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from accelbench.commands.discrepancy.figures import draw_factor, draw_gap
+from accelbench.commands.discrepancy.figures import draw_verdict
 from accelbench.commands.discrepancy.text import VERDICT_WORDS, shared_lines, verdict_lines
 from accelbench.commands.discrepancy.verdict_page import (
     VerdictPage,
@@ -13,12 +13,13 @@ from accelbench.commands.fit.text import value_and_sigma
 from accelbench.shell.console import number
 from thermo.discrepancy.find import Discrepancy
 from thermo.discrepancy.smallest import smallest_nameable
+from thermo.library.effects import ThermalEffect
 from thermo.recording.files import RecordedRuns
 
 CONVENTIONS = (
-    "In each simulated run the noise is estimated anew.",
-    "Held out: each run is predicted from the others, the choice of effect repeated without it.",
-    "Noise alone is what a run that was not fitted would leave if nothing were missing.",
+    "The noise is estimated separately in each simulated run.",
+    "Held out: each run is predicted from the others; the effect is selected again without it.",
+    "Noise alone: the residual of a held-out run if no effect were missing.",
 )
 
 
@@ -50,10 +51,15 @@ def _page(d: Discrepancy) -> VerdictPage:
             for e in d.effects
             for name, p in e.parameters.items()
         ),
-        pictures=(draw_factor(d), draw_gap(d)),
-        rivals=tuple(rival_rows(d, d.source.effects, sizes, d.source.holds_some)),
+        pictures=tuple(draw_verdict(d)),
+        rivals=tuple(rival_rows(d, _library(d), sizes, d.source.holds_some)),
         noise=_noise(d),
     )
+
+
+def _library(d: Discrepancy) -> list[ThermalEffect]:
+    """Return the library that was searched: a shape came after it."""
+    return [e for e in d.source.effects if d.shape is None or e.name != d.shape.name]
 
 
 def _noise(d: Discrepancy) -> str:

@@ -1,10 +1,17 @@
 """A verdict as the JSON of `accelbench discrepancy thermal`, and in words."""
 
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 from typing import Any
 
 from rich.console import RenderableType
 
+from accelbench.commands.discrepancy.shape_text import (
+    shape_document,
+    shape_lines,
+    shares_in,
+)
+from accelbench.commands.discrepancy.shares_text import share_lines, shares_document
 from accelbench.shell.console import micro_g, number, table
 from errormodel.discrepancy.investigation import Conclusion
 from thermo.discrepancy.find import Discrepancy
@@ -14,25 +21,29 @@ from thermo.discrepancy.words import EffectFound
 
 VERDICT_WORDS = {
     "named": "named",
-    "alias": "found, but these data cannot tell which of several it is",
-    "unexplained_repeatable": "something repeats that the library does not hold",
-    "unexplained_noise": "more than the noise, and it does not repeat",
+    "alias": "an effect is present, but these data cannot decide which of several",
+    "unexplained_repeatable": "the residual repeats, but no effect of the library explains it",
+    "unexplained_noise": "the residual is more than noise and does not repeat",
     "nothing": "nothing is missing",
 }
 
 
-def discrepancy_document(found: Sequence[Discrepancy]) -> dict[str, Any]:
+def discrepancy_document(
+    found: Sequence[Discrepancy], library: Path | None = None
+) -> dict[str, Any]:
     """Return what `discrepancy --json` writes: the first accelerometer's keys, and all in a list.
 
     Parameters
     ----------
     found : sequence of Discrepancy
+    library : Path, optional
+        The library file that holds the shapes, if one is written.
 
     Returns
     -------
     dict
     """
-    every = [_one(d) for d in found]
+    every = [_one(d, str(library) if library else None) for d in found]
     shared = [
         {"effect": s.effect, "serials": list(s.serials), "owner": s.owner}
         for s in all_shared(found)
@@ -45,12 +56,12 @@ def all_shared(found: Sequence[Discrepancy]) -> tuple[SharedEffect, ...]:
     return tuple(dict.fromkeys(s for d in found for s in d.shared))
 
 
-def _one(d: Discrepancy) -> dict[str, Any]:
-    heldout, experiment = d.heldout, d.experiment
+def _one(d: Discrepancy, library: str | None) -> dict[str, Any]:
+    heldout, experiment, shares = d.heldout, d.experiment, shares_in(d)
     return {
         "serial": d.serial,
         "verdict": d.verdict,
-        "effects": [_effect(e) for e in d.effects],
+        "effects": [_effect(e, shares.names.get(e.name, 0.0)) for e in d.effects],
         "alias_sets": [list(s) for s in d.alias_sets],
         "where": {"factor": d.where.name if d.where else None, "text": d.where_text},
         "rms_before_ug": d.rms_before_ug,
@@ -85,6 +96,8 @@ def _one(d: Discrepancy) -> dict[str, Any]:
         else None,
         "something_left": d.judgement.loud or d.judgement.loud_noise,
         **conclusion_document(d),
+        **shares_document(d, shares),
+        "shape": shape_document(d, library),
         "noise": {
             "family": d.floor.noise.family,
             "white_ug": d.floor.noise.white,
@@ -113,13 +126,14 @@ def conclusion_document(d: Conclusion[Any, Any]) -> dict[str, Any]:
     }
 
 
-def _effect(e: EffectFound) -> dict[str, Any]:
+def _effect(e: EffectFound, share: float) -> dict[str, Any]:
     return {
         "name": e.name,
         "parameters": {
             n: {"value": p.value, "sigma": p.sigma, "unit": p.unit} for n, p in e.parameters.items()
         },
         "strength_d": e.strength_d,
+        "share": share,
         "p_value": e.p_value,
         "sentence": e.sentence,
     }
@@ -144,30 +158,34 @@ def shared_lines(found: Sequence[Discrepancy]) -> Iterator[str]:
     for s in all_shared(found):
         told = ", ".join(s.serials)
         if s.owner == "run":
-            yield f"{s.effect} came to {told} in the same runs: look at the run, not at each."
+            yield (
+                f"{s.effect} came to {told} in the same runs: look for a cause in the run, not "
+                f"in one accelerometer."
+            )
         else:
-            yield f"{s.effect} is alike in {told}, as an error of the {s.owner} would be."
+            yield f"{s.effect} has the same size in {told}, like an error of the {s.owner}."
+
+
+def larger(d: Discrepancy) -> bool:
+    """Tell whether something is added to the present model, with a name or without."""
+    return bool(d.effects) or d.shape is not None
 
 
 def rival_lines(d: Conclusion[Any, Any]) -> Iterator[str]:
     """Say what else it could have been, and what not."""
     for s in d.alias_sets:
-        yield f"These data cannot tell apart: {', '.join(s)}."
+        yield f"These data cannot separate: {', '.join(s)}."
     unexplained = d.verdict.startswith("unexplained")
     for slot in d.result.slots if not unexplained else ():
         excluded = [f"{n} (by {number(b, 3)})" for n, b in slot.rivals if n not in slot.alias][:3]
         if excluded:
             yield f"Next to {slot.choice.name}, excluded: {', '.join(excluded)}."
-    if unexplained and d.result.slots:
-        partial = ", ".join(s.choice.name for s in d.result.slots)
-        share = number(100 * d.judgement.explained_share, 2)
-        yield f"The best of the library, {partial}, would explain {share} % of it only: no name."
 
 
 def verdict_lines(d: Discrepancy) -> Iterator[str]:
     """Say what was found, in sentences."""
     if d.source.seen.runs == 1:
-        yield "One run does not tell what repeats: what is slow in it may be noise or an effect."
+        yield "One run does not show what repeats: a slow change may be noise or an effect."
     if d.fit_first:
         yield (
             "The present model lacks several terms of its own equation at once; fit these first: "
@@ -179,15 +197,17 @@ def verdict_lines(d: Discrepancy) -> Iterator[str]:
     for e in d.effects:
         yield f"{e.name}: {e.sentence} Strength {number(e.strength_d, 3)}, p {number(e.p_value, 2)}"
     yield from rival_lines(d)
-    after = f", {micro_g(d.rms_after_ug)} with the effect" if d.effects else ""
+    yield from share_lines(d, shares_in(d))
+    yield from shape_lines(d)
+    after = f", {micro_g(d.rms_after_ug)} with the effect" if larger(d) else ""
     yield (
         f"Residual {micro_g(d.rms_before_ug)} with the present model{after}; noise alone "
         f"{micro_g(d.floor_ug)}."
     )
     if d.heldout and not d.heldout.predictive:
         yield (
-            "The effect belonged to its moment: a run held out does not follow from the others, "
-            "and the gap there says nothing against the name."
+            "The effect does not repeat: a held-out run cannot be predicted from the others, and "
+            "its residual does not contradict the name."
         )
     if d.invisible:
         yield f"These runs cannot show at all: {', '.join(d.invisible)}."
@@ -208,7 +228,7 @@ def _effects_table(d: Discrepancy) -> RenderableType:
 def _heldout_table(d: Discrepancy) -> RenderableType:
     assert d.heldout is not None
     floor = number(d.floor_ug)
-    if not d.effects:
+    if not larger(d):
         names = ("residual µg", "noise µg")
         made = table("run held out", *names, right=names)
         for r in d.heldout.runs:

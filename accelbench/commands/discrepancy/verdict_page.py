@@ -6,16 +6,16 @@ from typing import Any, Protocol, TypeVar
 
 from accelbench.shell.console import number
 from accelbench.shell.outputs import REPORT_NAME
-from accelbench.shell.page import embedded, rendered
+from accelbench.shell.page import Banner, BannerState, Page, ReportTable, Section, render_page
 from accelbench.shell.plotting import Picture
 from errormodel.discrepancy.investigation import Conclusion
 
 CONVENTIONS = (
-    "Strength is the whitened size of an effect beside everything else in the model: how many of "
-    "its own sigmas it has. From seven on it can be named.",
-    "p is the probability that noise alone gives as much to any effect of the library; its "
-    "distribution comes from simulated runs.",
-    "Effects within nine of the best in twice the log-likelihood cannot be told apart.",
+    "Strength is the whitened size of an effect beside everything else in the model, in units of "
+    "its own sigma. An effect of strength seven or more can be named.",
+    "p is the probability that noise alone gives an equally significant effect of the library; "
+    "its distribution comes from simulated runs.",
+    "Effects within nine of the best in twice the log-likelihood cannot be separated.",
 )
 
 
@@ -43,11 +43,6 @@ class VerdictPage:
     pictures: tuple[Picture, ...]
     rivals: tuple[tuple[str, str, str, str], ...]
     noise: str
-
-    @property
-    def figures(self) -> list[dict[str, str]]:
-        """The pictures as the template takes them."""
-        return [embedded(p) for p in self.pictures]
 
 
 class Named(Protocol):
@@ -88,7 +83,7 @@ def rival_rows(
         if name in named:
             verdict = "named"
         elif name in alias:
-            verdict = "cannot be told from the one named"
+            verdict = "cannot be separated from the named one"
         elif held(effect):
             verdict = "in the present model"
         elif name in d.invisible:
@@ -112,11 +107,43 @@ def render_verdicts(
     conventions : sequence of str
         Notes on reading it, beside those common to all.
     """
-    html = rendered(
-        "discrepancy.html.j2",
+    page = Page(
         title=title,
-        runs=list(runs),
-        pages=pages,
-        conventions=(*CONVENTIONS, *conventions),
+        about=f"runs {', '.join(runs)}",
+        verdicts=tuple(Banner(text=f"{p.name}: {p.verdict}", state=_state(p)) for p in pages),
+        sections=(
+            *(section for one in pages for section in _sections(one)),
+            Section(title="How to read it", points=(*CONVENTIONS, *conventions)),
+        ),
     )
-    return {REPORT_NAME: html.encode(), **{p.name: p.png for one in pages for p in one.pictures}}
+    return render_page(page, REPORT_NAME)
+
+
+def _state(one: VerdictPage) -> BannerState:
+    return "good" if one.verdict == "nothing is missing" else "open"
+
+
+def _sections(one: VerdictPage) -> Iterator[Section]:
+    """Yield the parts of a verdict: the finding, its pictures, and its rivals."""
+    effects = ReportTable(columns=("effect", "parameter", "value", "unit"), rows=one.effects)
+    yield Section(
+        title=f"{one.name}: {one.verdict}",
+        points=one.lines,
+        table=effects if one.effects else None,
+        words=(0, 1, 3),
+        pictures=one.pictures,
+    )
+    title = "What else it could have been" if one.effects else "What these runs would have shown"
+    columns = (
+        "effect",
+        "explains less by (2 ln L)",
+        "judged",
+        "smallest that these runs would name",
+    )
+    yield Section(
+        title=title,
+        level=3,
+        table=ReportTable(columns=columns, rows=one.rivals),
+        words=(0, 2, 3),
+        after=(f"Noise: {one.noise}.",),
+    )

@@ -17,13 +17,19 @@ RUNS = click.argument("files", nargs=-1, required=True, metavar="RUN.csv…")
 
 @click.command("import")
 @click.argument("file", type=Path)
-@click.option("--map", "map_file", type=Path, required=True, help="What the log's columns are.")
+@click.option(
+    "--map",
+    "map_file",
+    type=Path,
+    required=True,
+    help="MAP.toml that describes the columns of the log.",
+)
 @click.option("--out", type=Path, required=True, help="The recorded run to write.")
 @force_option
 @library_option()
 @json_option
 def import_(**given: Any) -> None:
-    """Make a recorded run of somebody else's log.
+    """Convert a log recorded by others into a recorded run.
 
     FILE is delimited text; MAP.toml says which columns hold time, temperature and outputs, and in
     what units. In Python: accelbench.import_log.
@@ -36,7 +42,9 @@ def import_(**given: Any) -> None:
 @click.command()
 @RUNS
 @click.option("--model", "terms", type=Path, help="TERMS.toml: the terms to fit.")
-@click.option("--holdout", multiple=True, metavar="RUN_ID…", help="Predict these, don't fit them.")
+@click.option(
+    "--holdout", multiple=True, metavar="RUN_ID…", help="Runs to predict instead of fitting."
+)
 @click.option("--out", type=Path, help="MODEL.json to write.")
 @click.option("--report", type=Path, help="Folder for the report and its figures.")
 @trust_option
@@ -56,7 +64,7 @@ def fit(**given: Any) -> int:
 
 @click.command()
 @RUNS
-@click.option("--model", type=Path, required=True, help="MODEL.json, as fit writes it.")
+@click.option("--model", type=Path, required=True, help="MODEL.json from fit.")
 @click.option("--out", type=Path, required=True, help="The compensated recording to write.")
 @trust_option
 @force_option

@@ -39,16 +39,16 @@ def doubt_sentences(one: AccelerometerFit) -> Iterator[str]:
     yield from _lost(one)
     if one.doubts.temperature_noise_counts:
         yield (
-            f"the thermistor's noise of {number(one.doubts.thermistor_noise_c, 2)} °C is not small "
-            "in this range: it pulls slopes towards 0; the sigmas allow for that"
+            f"the thermistor's noise of {number(one.doubts.thermistor_noise_c, 2)} °C is not "
+            f"small compared with this range: it reduces slopes; the sigmas include this"
         )
     if one.doubts.output_step_counts:
         yield (
             f"the output goes in steps of {number(one.doubts.output_step_ug, 3)} µg, coarser than "
-            "its noise: errors repeat at each visit to a position; the sigmas allow for that"
+            "its noise: errors repeat at each visit to a position; the sigmas include this"
         )
     if one.heldout is None and len(one.channel.run_ids) > 1 and not one.heldout_runs:
-        yield "no run can be held out: without it the others cannot give every coefficient"
+        yield "no run can be held out: the other runs alone do not determine every coefficient"
 
 
 def not_shown_lines(fits: Sequence[AccelerometerFit]) -> Iterator[str]:
@@ -75,7 +75,8 @@ def _extrapolated(one: AccelerometerFit) -> Iterator[str]:
     yield (
         f"the reference temperature {one.t_ref_c:g} °C lies {number(away, 3)} °C outside the "
         f"readings ({number(low)} to {number(high)} °C): the coefficients are extrapolated, and "
-        f"their sigmas allow for orders that do not show here; at {inside['t_ref_c']:g} °C, "
+        f"their sigmas include orders that these readings do not show; at {inside['t_ref_c']:g} "
+        f"°C, "
         f"inside: {told}"
     )
 
@@ -86,8 +87,8 @@ def _gaps(one: AccelerometerFit) -> Iterator[str]:
         return
     where = ", ".join(f"{number(a, 3)} to {number(b, 3)} °C" for a, b in gaps)
     yield (
-        f"no reading from {where}: the polynomials are not held there; the sigmas allow for "
-        "orders that would not show, and compensate flags readings there"
+        f"no reading from {where}: the polynomials are not determined there; the sigmas include "
+        f"orders that would not be seen, and compensate flags readings there"
     )
 
 
@@ -98,7 +99,7 @@ def _odd(one: AccelerometerFit) -> Iterator[str]:
     factor, unit, what = UNITS[odd.name]
     yield (
         f"run {odd.run_id} lies apart from the others, by {number(factor * odd.off, 3)} ± "
-        f"{number(factor * odd.sigma, 2)} {unit} in {what}: look at it, or leave it out"
+        f"{number(factor * odd.sigma, 2)} {unit} in {what}: check it, or leave it out"
     )
 
 
@@ -110,8 +111,8 @@ def _lost(one: AccelerometerFit) -> Iterator[str]:
     parts = [f"{', '.join(zero)}, each taken as 0"] if zero else []
     parts += ["k1, taken as nominal"] if "k1" in lost else []
     holders = [f"{n} in {', '.join(by)}" for n, by in one.doubts.holders.items() if by]
-    where = f"; what they are stands in others: {'; '.join(holders)}" if holders else ""
-    yield f"these runs cannot give: {'; '.join(parts)}{where}"
+    where = f"; other coefficients absorb them: {'; '.join(holders)}" if holders else ""
+    yield f"these runs cannot determine: {'; '.join(parts)}{where}"
 
 
 def run_to_run_sentence(one: AccelerometerFit) -> str:
@@ -119,21 +120,21 @@ def run_to_run_sentence(one: AccelerometerFit) -> str:
     count = len(one.channel.run_ids)
     if count < 2:
         return (
-            "one run: nothing is known of what differs from run to run, and the sigmas do not "
-            "allow for it"
+            "one run: the differences between runs are not known, and the sigmas do not include "
+            "them"
         )
     shown = [e for e in one.run_effects if e.odds > EVEN_ODDS and e.likely > 0]
     if not shown:
-        chance = ", as so few may by chance" if count <= FEW_RUNS else ""
+        chance = ", which may be by chance with so few runs" if count <= FEW_RUNS else ""
         return (
-            f"the {count} runs do not differ beyond noise and drift{chance}; the sigmas allow for "
-            "what noise and drift could hide"
+            f"the {count} runs do not differ by more than noise and drift{chance}; the sigmas "
+            f"include differences that noise and drift could hide"
         )
     told = ", ".join(
         f"{number(UNITS[e.name][0] * e.likely, 2)} {UNITS[e.name][1]} in {UNITS[e.name][2]}"
         for e in shown
     )
     return (
-        f"the {count} runs differ by {told} (1 sigma) beyond noise and drift; the sigmas allow for "
-        "it, and for knowing it from so few"
+        f"the {count} runs differ by {told} (1 sigma) beyond noise and drift; the sigmas include "
+        f"this and its uncertainty from so few runs"
     )

@@ -18,10 +18,10 @@ from accelbench.shell.plotting import (
     file_part,
     legend_below,
     new_figure,
+    panel_unit,
     picture,
     plain,
     thinned,
-    unit_of,
 )
 from errormodel.arrays import FloatArray
 from thermo.fitting.fit import AccelerometerFit
@@ -135,8 +135,9 @@ def draw_errors(one: AccelerometerFit, name: str) -> Picture:
     return picture(
         figure,
         name,
-        f"{one.serial}: error of the output over temperature, left with a constant bias and scale "
-        f"factor only{branches}, right with the model. The two scales differ; lines are means "
+        f"{one.serial}: error of the output over temperature, left with a constant bias and "
+        f"scale factor only{branches}, right with the model. The two scales differ; lines are "
+        f"means "
         f"over {CELL_C:g} °C.",
     )
 
@@ -164,7 +165,7 @@ def _draw_by_direction(
     *,
     lines: bool = True,
 ) -> str:
-    unit, divisor = unit_of(values_ug)
+    unit, divisor = panel_unit(values_ug)
     rows = thinned(values_ug.size)
     for code, (label, colour, marker) in DIRECTION_STYLE.items():
         mine = rows[channel.direction[rows] == code]
@@ -207,7 +208,7 @@ def draw_residuals(one: AccelerometerFit, name: str) -> Picture:
         _draw_by_position(panels[3], one)
     else:
         _draw_distribution(panels[3], one)
-    figure.suptitle(plain(f"{one.serial}: what the model leaves"), fontsize=11)
+    figure.suptitle(plain(f"{one.serial}: residual with the model"), fontsize=11)
     legend_below(figure, list(handles.values()), list(handles))
     last = "by position of the head" if positioned else "as a distribution"
     return picture(
@@ -220,7 +221,7 @@ def draw_residuals(one: AccelerometerFit, name: str) -> Picture:
 
 def _draw_over_time(axes: Any, one: AccelerometerFit) -> None:
     channel = one.channel
-    unit, divisor = unit_of(one.residual_ug)
+    unit, divisor = panel_unit(one.residual_ug)
     shown = channel.run_ids[:MAX_RUNS]
     for k, run in enumerate(shown):
         mine = np.flatnonzero(channel.record.run == k)
@@ -259,7 +260,7 @@ def _draw_loop(axes: Any, one: AccelerometerFit) -> None:
         return
     temp_c = np.array([c.temp_c for c in cells])
     values = np.array([c.heating_minus_cooling_ug for c in cells])
-    unit, divisor = unit_of(values)
+    unit, divisor = panel_unit(values)
     axes.bar(temp_c, values / divisor, width=0.8 * CELL_C, color="#999999")
     median = one.summary.heating_minus_cooling_ug or 0.0
     axes.axhline(median / divisor, color=COLOURS[0], linestyle="--", linewidth=1.2)
@@ -274,7 +275,7 @@ def _draw_by_position(axes: Any, one: AccelerometerFit) -> None:
     groups = one.summary.by_position
     angle = np.array([float(g.name.rstrip("°")) for g in groups])
     mean, rms = (np.array([getattr(g, n) for g in groups]) for n in ("mean_ug", "rms_ug"))
-    unit, divisor = unit_of(mean, rms)
+    unit, divisor = panel_unit(mean, rms)
     axes.errorbar(
         angle, mean / divisor, yerr=rms / divisor, fmt="o", color=COLOURS[0], ecolor="#999999",
         elinewidth=2.0, markersize=4.0,
@@ -284,6 +285,6 @@ def _draw_by_position(axes: Any, one: AccelerometerFit) -> None:
 
 
 def _draw_distribution(axes: Any, one: AccelerometerFit) -> None:
-    unit, divisor = unit_of(one.residual_ug)
+    unit, divisor = panel_unit(one.residual_ug)
     axes.hist(one.residual_ug / divisor, bins=60, color="#999999")
     dress(axes, title="distribution (no positions recorded)", x=f"residual, {unit}", y="readings")

@@ -43,8 +43,8 @@ def draw_coefficients(fits: Sequence[AccelerometerFit]) -> Picture:
         axes.set_axis_off()
     left = len(fits) - len(shown)
     caption = (
-        f"Coefficients of all accelerometers; bars are ± {SIGMAS:g} sigma, and not to be seen "
-        f"where they are smaller than the marker."
+        f"Coefficients of all accelerometers; bars are ± {SIGMAS:g} sigma; where none is "
+        f"visible, it is smaller than the marker."
     )
     caption += f" {left} further accelerometers are not shown." if left else ""
     return picture(figure, "coefficients.png", caption)
@@ -109,8 +109,8 @@ def draw_orders(fits: Sequence[AccelerometerFit]) -> Picture:
         figure,
         "orders.png",
         "Residual rms over the order of the bias's polynomial (K0), a line for each order of the "
-        "scale factor's (K1): solid on held-out readings, dotted in the fit. The ring is what was "
-        "chosen: the simplest pair within 1 % of the best.",
+        "scale factor's (K1): solid on held-out readings, dotted in the fit. The ring is the "
+        "selected pair: the simplest within 1 % of the best.",
     )
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from accelbench.commands.fit.doubts import not_shown_lines
 from accelbench.commands.fit.figures import MAX_ACCELEROMETERS, pictures
-from accelbench.commands.fit.text import sentences
+from accelbench.commands.fit.text import fit_sentences
 from accelbench.shell.console import micro_g, number, value_and_sigma
 from accelbench.shell.outputs import REPORT_NAME
 from accelbench.shell.page import (
@@ -36,12 +36,12 @@ CONVENTIONS = (
     "Specific force of a body at rest points up with magnitude g; a is in local g.",
     "IA is the input, PA the pendulous, OA the output axis, OA = IA × PA; with the indexing head "
     "at θ, a_i = sin θ, a_p = cos θ, a_o = 0.",
-    "Measured = true + error; a residual is the measured output less the model's, referred to the "
-    "input.",
+    "Measured = true + error; a residual is the measured minus the modelled output, referred to "
+    "the input.",
     "Heating minus cooling is the difference of the mean residuals at equal temperature, its "
-    "median taken over the temperatures that both directions passed.",
-    "Sigmas are standard deviations (1 σ) and allow for slow drift as well as for white noise, and "
-    "for what differs from run to run where there are two or more.",
+    "median over the temperatures of both directions.",
+    "Sigmas are standard deviations (1 σ). They include white noise, slow drift, and the "
+    "differences between runs if there are two or more.",
 )
 
 
@@ -126,20 +126,21 @@ def verdicts(fits: Sequence[AccelerometerFit]) -> Iterator[Banner]:
         else:
             sound.append(one.serial)
     if sound:
-        yield Banner(
-            text=f"{', '.join(sound)}: nothing stands out in what the model leaves", state="good"
-        )
+        yield Banner(text=f"{', '.join(sound)}: no structure is seen in the residual", state="good")
 
 
 def findings(one: AccelerometerFit) -> Iterator[str]:
     """Yield what the residual of an accelerometer's model shows, if it shows anything."""
     if one.worse_than_none:
-        yield "the model leaves more than constants alone do: it is no model of these readings"
+        yield (
+            "the residual with the model is larger than with constants alone: the model does "
+            "not describe these readings"
+        )
     loop = find_loop(one)
     if loop.stands_out and loop.repeats is not False and loop.median_ug is not None:
         yield (
             f"a thermal-history effect is left, heating less cooling {micro_g(loop.median_ug)}, "
-            "which no polynomial in temperature can hold"
+            "which no polynomial in temperature can describe"
         )
     if one.doubts.left_out:
         yield left_out_sentence(one.doubts.left_out)
@@ -162,7 +163,7 @@ def _results(fits: Sequence[AccelerometerFit], extras: ReportExtras) -> Iterator
         after=extras.notes,
     )
     for one in fits:
-        yield Section(title=one.serial, level=3, points=tuple(sentences(one)))
+        yield Section(title=one.serial, level=3, points=tuple(fit_sentences(one)))
     yield Section(lines=tuple(not_shown_lines(fits)))
     for extra in extras.tables:
         words = tuple(range(len(extra.columns)))

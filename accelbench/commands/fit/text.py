@@ -149,7 +149,7 @@ def fit_text(fits: Sequence[AccelerometerFit], model: ModelFile) -> Iterator[Ren
     yield from summary_part(fits)
     for one in fits:
         yield f"{one.serial}: {one.fit.n} readings in {len(one.channel.run_ids)} run(s)"
-        for line in sentences(one):
+        for line in fit_sentences(one):
             yield f"  {line}"
         yield ""
     for line in not_shown_lines(fits):
@@ -177,7 +177,7 @@ def summary_part(fits: Sequence[AccelerometerFit]) -> Iterator[RenderableType]:
     yield ""
 
 
-def sentences(one: AccelerometerFit) -> Iterator[str]:
+def fit_sentences(one: AccelerometerFit) -> Iterator[str]:
     """Tell one accelerometer's fit, a sentence a line.
 
     Yields
@@ -198,8 +198,8 @@ def sentences(one: AccelerometerFit) -> Iterator[str]:
     if not one.channel.has_input:
         yield (
             "the input is not recorded and taken as constant: K0 and its slopes over temperature "
-            "hold also the input and all that K1, k2, k3 and the misalignment do there; they "
-            "compensate readings at this input alone"
+            "include the input and the effects of K1, k2, k3 and the misalignment at this input; "
+            "they compensate readings at this input only"
         )
     yield from doubt_sentences(one)
     noise = one.noise
@@ -207,11 +207,11 @@ def sentences(one: AccelerometerFit) -> Iterator[str]:
         f" and {number(1e6 * noise.drift, 3)} µg of drift correlated over "
         f"{number(noise.drift_tau_s / 3600, 2)} h"
         if noise.drift
-        else ", no drift to be seen"
+        else ", no visible drift"
     )
     head = f", and for a head wrong by {number(one.head_arcsec)} arcsec" if one.head_arcsec else ""
     white = number(1e6 * noise.white, 3)
-    yield f"noise {white} µg a reading{drift}; the sigmas allow for both{head}{_repeating(one)}"
+    yield f"noise {white} µg a reading{drift}; the sigmas include both{head}{_repeating(one)}"
     yield run_to_run_sentence(one)
     lo, hi = one.valid_c
     yield f"valid from {number(lo)} to {number(hi)} °C; reference temperature {one.t_ref_c:g} °C"
@@ -228,7 +228,7 @@ def _repeating(one: AccelerometerFit) -> str:
     unsaid = [what for what, there in stated.items() if not there]
     if not unsaid:
         return ""
-    return f", not for errors alike in all runs that were not stated: {', '.join(unsaid)}"
+    return f", but not errors that are equal in all runs and were not stated: {', '.join(unsaid)}"
 
 
 def _heldout(one: AccelerometerFit) -> str:
@@ -252,7 +252,7 @@ def _loop_line(one: AccelerometerFit, loop: LoopFinding) -> str:
 
 
 def _one_way_line(one: AccelerometerFit) -> str:
-    plain = "heating minus cooling: not to be had, the runs move in one direction only"
+    plain = "heating minus cooling: not available, because the runs have one direction only"
     if not one.doubts.one_way:
         return plain
     costs = ", ".join(
@@ -260,8 +260,8 @@ def _one_way_line(one: AccelerometerFit) -> str:
         for words, k0, k1 in one.doubts.one_way
     )
     return (
-        f"{plain}; what depends on the direction or grows with time then stays in the "
-        f"coefficients, and the sigmas do not allow for it: here {costs}"
+        f"{plain}; effects of the direction or of time are then absorbed by the coefficients, "
+        f"and the sigmas do not include them: here {costs}"
     )
 
 

@@ -9,12 +9,7 @@ from rich.console import RenderableType
 from accelbench.commands.fit.text import fit_document, fit_text
 from accelbench.shell.console import emit, micro_g, number, table
 from accelbench.shell.inputs import add_reading_counts, read_with_doubts
-from accelbench.shell.outputs import (
-    Results,
-    check_results,
-    checked_run_output,
-    with_sidecars,
-)
+from accelbench.shell.outputs import Results, check_results, checked_run_output, with_sidecars
 from accelbench.shell.progress import working
 from accelbench.shell.recording_text import recording_document, recording_text
 from errormodel.errors import InputError, NotSeparableError
@@ -27,17 +22,20 @@ from thermo.compensation.compensated_files import (
 from thermo.compensation.model_file import ModelFile, dump_model, make_model_file
 from thermo.fitting.fit import AccelerometerFit, TermsFile, fit_runs, read_terms
 from thermo.recording.files import RecordedRuns, write_runs
-from thermo.recording.foreign import import_log
+from thermo.recording.foreign.read import import_log
 from thermo.recording.summary import summary_of
 from thermo.recording.units_check import unit_complaints
 
 BEFORE = "error before: with a constant bias and scale factor only, as the raw residual of fit"
 MOVED_UG = 1e5  # a tenth of a g: no accelerometer at one input leaves so much
 MOVED = (
-    "no position is recorded, and yet the output moves as if the input had: this is no model of "
-    "it; the column position_deg tells where the head stood"
+    "no position is recorded, but the output changes as if the input had changed: the model does "
+    "not describe this; add the column position_deg"
 )
-WORSE = "the model leaves more than constants alone do: it is no model of these readings"
+WORSE = (
+    "the residual with the model is larger than with constants alone: the model does not "
+    "describe these readings"
+)
 RUNS = click.argument("files", nargs=-1, required=True, metavar="RUN.csv…")
 
 
@@ -182,19 +180,20 @@ def _notes(c: CompensatedChannel) -> Iterator[str]:
         yield f"{c.serial}: the model does not cover {', '.join(beyond)}; the readings are flagged"
     if c.left_in_ug is not None:
         yield (
-            f"{c.serial}: errors are not to be had where the input is not recorded; without "
-            f"positions misalignment and cross-coupling stay in, up to {micro_g(c.left_in_ug)} "
+            f"{c.serial}: errors cannot be computed if the input is not recorded; without "
+            f"positions, misalignment and cross-coupling are not compensated, up to "
+            f"{micro_g(c.left_in_ug)} "
             "at 1 g across"
         )
     if c.scale_left_ug:
         yield (
-            f"{c.serial}: K1 was taken as nominal at every temperature, and K0 holds what it is "
-            "off at the gravity of the fit: at the gravity here each per cent by which K1 is off, "
-            f"or changes with temperature, leaves {micro_g(c.scale_left_ug)} in at 1 g; "
-            "the sigmas do not allow for it"
+            f"{c.serial}: K1 was taken as nominal at every temperature, and K0 includes its "
+            f"error at the gravity of the fit: at the gravity here, each per cent of error or "
+            f"temperature change of K1 leaves {micro_g(c.scale_left_ug)} at 1 g; the sigmas do "
+            f"not include it"
         )
     if not c.run_to_run_known:
         yield (
-            f"{c.serial}: the model file does not tell by how much runs differ, as of one run or "
-            "from an older version: the sigmas do not allow for it"
+            f"{c.serial}: the model file has no run-to-run component (one run, or an older "
+            f"version): the sigmas do not include it"
         )

@@ -7,10 +7,18 @@ from accelbench.shell.lazy import LazyGroup
 # name: module, attribute, what it does
 RIG_COMMANDS = {
     "simulate": ("rig_plan.command", "simulate", "Simulate the run of a rig programme."),
-    "covariance": ("rig_plan.command", "covariance", "Say before a test how well it will do."),
+    "covariance": (
+        "rig_plan.command",
+        "covariance",
+        "Predict the sigmas of a calibration before the test.",
+    ),
     "calibrate": ("rig_calibrate.command", "calibrate", "Calibrate a SINS from its rig run."),
     "compensate": ("rig_calibrate.command", "compensate", "Apply a calibration to a rig run."),
-    "flight": ("rig_flight.command", "flight", "Say what a calibration is worth in flight."),
+    "flight": (
+        "rig_flight.command",
+        "flight",
+        "Compute the position error in flight after a calibration.",
+    ),
     "triad": ("rig_triad.command", "triad", "Calibrate a triad from its rest positions."),
 }
 

@@ -36,9 +36,9 @@ def _held(ctx: click.Context, param: click.Parameter, value: str) -> str | int:
 @click.option(
     "--groups", multiple=True, metavar="NAME", help="Also estimate, e.g. lever_arm; repeatable."
 )
-@click.option("--priors", type=Path, help="PRIORS.toml: other sigmas and means beforehand.")
+@click.option("--priors", type=Path, help="PRIORS.toml: other prior sigmas and means.")
 @click.option("--interval-s", type=click.FloatRange(0.05, 60.0), default=1.0,
-              help="Between two measurements of the filter.")  # fmt: skip
+              help="Time between two measurements of the filter.")  # fmt: skip
 @click.option("--gate", type=click.FloatRange(3.0, 100.0), default=7.0,
               help="Sigmas beyond which a measurement is refused.")  # fmt: skip
 @click.option("--gyro-instability", type=click.FloatRange(min=0.0), default=0.0,
@@ -48,22 +48,23 @@ def _held(ctx: click.Context, param: click.Parameter, value: str) -> str | int:
 @click.option("--instability-tau-s", type=click.FloatRange(min=1.0), default=3600.0,
               help="Correlation time of slow drift.")  # fmt: skip
 @click.option("--axis-wobble", type=click.FloatRange(min=0.0, min_open=True),
-              help="Bound of the rig axis's movement, ″/√Hz; the angle's noise if not given.",
+              help="Bound of the movement of the rig axis, ″/√Hz; the noise of the angle if not "
+              "given.",
               )  # fmt: skip
-@click.option("--t-ref-c", type=float, help="Reference temperature: --model's, else 25.")
+@click.option("--t-ref-c", type=float, help="Reference temperature; that of --model, else 25.")
 @click.option("--holdout", callback=_held, default="last", metavar="N|last|each|none",
-              help="Cycle to judge by the others.")  # fmt: skip
+              help="Cycle to compare with the others.")  # fmt: skip
 @click.option("--protect", multiple=True, metavar="GROUP=LIMIT",
-              help="Pass only when a missing effect that no test shows cannot make an error of the "
-              "group larger than this (its protection level), e.g. gyro_bias=0.05, in the unit "
-              "that the group is told in; repeatable.")  # fmt: skip
+              help="Pass only if the protection level of the group is below this limit, e.g. "
+              "gyro_bias=0.05, in the reported unit of the group; the protection level is the "
+              "largest error that an undetected missing effect can cause; repeatable.")  # fmt: skip
 @click.option("--out", type=Path, help="RESULT.json to write.")
 @click.option("--report", type=Path, help="Folder for the report and its figures.")
 @force_option
 @library_option()
 @json_option
 def calibrate(**given: Any) -> int:
-    """Calibrate a SINS from a run on a rig, and judge the result.
+    """Calibrate a SINS from a run on a rig and test the result.
 
     Several files are cycles of one SINS that follow one another. Exit code 1 when the result is
     not consistent. In Python: accelbench.rig.calibrate.
@@ -83,7 +84,7 @@ def calibrate(**given: Any) -> int:
 @library_option()
 @json_option
 def compensate(**given: Any) -> None:
-    """Take the calibrated errors out of a rig run's readings.
+    """Remove the calibrated errors from the readings of a rig run.
 
     Flags, times and the rig's angle stay as they are. A jump that the calibration found is taken
     out of the run it was found in; in any other it is over. A run that is compensated already is

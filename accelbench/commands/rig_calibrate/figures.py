@@ -65,8 +65,8 @@ def draw_estimates(result: ResultContent) -> Picture:
     for axes in panels[len(groups) :]:
         axes.set_axis_off()
     caption = (
-        f"Estimates with ± {SIGMAS:g} sigma, which is often less than the marker; the band is the "
-        "sigma expected beforehand."
+        f"Estimates with ± {SIGMAS:g} sigma, which is often smaller than the marker; the band is "
+        f"the prior sigma."
     )
     return picture(figure, "estimates.png", caption)
 
@@ -142,8 +142,8 @@ def draw_innovations(judged: Judged) -> Picture:
         )
     legend_below(figure, list(handles.values()), list(handles))
     caption = (
-        "Innovations with the bounds that the filter expects of them; dotted lines part the "
-        "cycles. The first ones of a cycle lie within wide bounds, beyond what is drawn."
+        "Innovations with their expected bounds; dotted lines separate the cycles. The first "
+        "innovations of a cycle have wide bounds beyond the plotted range."
     )
     return picture(figure, "innovations.png", caption)
 

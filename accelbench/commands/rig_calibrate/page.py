@@ -4,11 +4,11 @@ from accelbench.commands.rig_calibrate.figures import calibration_pictures
 from accelbench.commands.rig_calibrate.text import (
     COLUMNS,
     PASSED,
+    calibration_sentences,
     not_made,
     observability_lines,
     parameter_rows,
     protection_lines,
-    sentences,
     verdict,
 )
 from accelbench.shell.console import number
@@ -20,11 +20,11 @@ from sinscal.recording.run import NavRun, RigRun
 
 LISTED = 30  # refused measurements
 TERMS = (
-    "An innovation is what a measurement of the filter differs by from its forecast; NIS is its "
-    "square over its variance, 1 on average when the sigmas are right. White: one innovation says "
-    "nothing of the next.",
-    "A singular value tells how many times better than beforehand the run knows a direction of the "
-    "parameters; 0 is one that it does not show.",
+    "An innovation is the difference between a measurement and its prediction by the filter. NIS "
+    "is its square divided by its variance, 1 on average if the sigmas are right. White: "
+    "successive innovations are uncorrelated.",
+    "A singular value is the improvement of a direction in parameter space over the prior; 0 "
+    "means that the run does not determine it.",
 )
 
 
@@ -64,9 +64,9 @@ def calibration_sections(
 ) -> tuple[Section, ...]:
     """Return the sections of a calibration's report; `estimates` is the table of parameters."""
     drawn, *others = calibration_pictures(judged, run, result)
-    _, *rests_on = sentences(result, listed=False)
+    _, *rests_on = calibration_sentences(result, listed=False)
     return (
-        Section(title="What the verdict rests on", points=(*rests_on, *TERMS)),
+        Section(title="Basis of the verdict", points=(*rests_on, *TERMS)),
         _warnings(result),
         Section(
             title="Estimates",
@@ -76,12 +76,12 @@ def calibration_sections(
             pictures=(drawn,),
         ),
         *_protection(result),
-        Section(title="What the data show", points=tuple(observability_lines(result))),
+        Section(title="Separability of the parameters", points=tuple(observability_lines(result))),
         Section(title="Pictures", pictures=tuple(others)),
         _refused(result),
         _source(result),
         Section(
-            title="How to apply it",
+            title="Application",
             points=(result.formula, result.signs, result.axes, result.units, result.gauge),
         ),
     )
@@ -112,7 +112,7 @@ def _refused(result: ResultContent) -> Section:
     return Section(
         title="Refused measurements",
         lines=(f"{result.refused['n']} refused by the gate; rows flagged by cycle: {flagged}.",),
-        after=(f"{left} more stand in the result file.",) if left > 0 else (),
+        after=(f"{left} more are in the result file.",) if left > 0 else (),
         table=ReportTable(title="", columns=("cycle", "row", "time, s", "sigmas"), rows=rows)
         if rows
         else None,

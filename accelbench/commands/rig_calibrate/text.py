@@ -13,24 +13,23 @@ from sinscal.recording.run import AXES
 
 WELL_PROTECTED = 2.0  # times the noise's share: below it no effect is worth telling
 LEVELS = (
-    "protection level: the largest error, of the worst parameter of a group, that an effect "
-    "missing from the model can cause in a run that passes (all but 1 % of them), and three sigmas "
-    "more"
+    "protection level: the largest error of the worst parameter of a group that a missing effect "
+    "can cause in a run that passes (in 99 % of runs), plus three sigmas"
 )
-VOID = "as tests failed, the levels below hold only once what is wrong is mended"
+VOID = "because tests failed, the levels below are valid only after the cause is removed"
 PASSED = "passed: the calibration is consistent with its sigmas"
 SHOWN = 10  # refused measurements in words
 FEW = 3  # pairs that correlate, warnings of one kind
 TESTS = {
-    "converged": "the iteration came to rest",
-    "nis": "innovations are as large as their sigmas say",
+    "converged": "the iteration converged",
+    "nis": "innovations agree with their sigmas",
     "white": "innovations are white",
     "no_slow_drift": "innovations show no slow drift",
-    "within_bound": "errors that have a bound instead of a sigma are within it",
+    "within_bound": "errors with a bound instead of a sigma are within it",
     "held_out": "a cycle held out agrees with the others",
-    "prior": "the errors are no larger than expected beforehand",
-    "complete": "the innovations show no effect that the model lacks",
-    "no_contradiction": "nothing stated contradicts the run",
+    "prior": "the errors are no larger than their priors",
+    "complete": "the innovations show no missing effect",
+    "no_contradiction": "no stated value contradicts the run",
 }
 
 
@@ -46,7 +45,7 @@ def verdict(result: ResultContent) -> str:
     if not failed and result.protection and (exceeded := result.protection["exceeded"]):
         return (
             f"failed: protection level above the limit: {', '.join(exceeded)}; all tests passed, "
-            "but they would not show an effect that is missing"
+            f"but they would not detect a missing effect of this size"
         )
     if not failed:
         rest = f" ({told})" if (told := not_made(result)) else ""
@@ -54,9 +53,9 @@ def verdict(result: ResultContent) -> str:
     missing = {"nis", "white", "held_out", "complete", "converged"} & {
         n for n, ok in tests.items() if ok is False
     }
-    asks = "; `accelbench discrepancy rig` looks for what the model lacks"
+    asks = "; `accelbench discrepancy rig` searches for the missing effect"
     hint = asks if missing and result.mode != "navigation" else ""
-    return f"failed: it does not hold that {'; that '.join(failed)}{hint}"
+    return f"failed: not fulfilled: {'; '.join(failed)}{hint}"
 
 
 def not_made(result: ResultContent) -> str:
@@ -65,7 +64,7 @@ def not_made(result: ResultContent) -> str:
     return f"not tested: {'; '.join(left)}" if left else ""
 
 
-def sentences(result: ResultContent, *, listed: bool = True) -> Iterator[str]:
+def calibration_sentences(result: ResultContent, *, listed: bool = True) -> Iterator[str]:
     """Tell the verdict and what it rests on, a sentence a line.
 
     Parameters
@@ -79,28 +78,29 @@ def sentences(result: ResultContent, *, listed: bool = True) -> Iterator[str]:
     lo, hi = c["nis_interval"]
     yield (
         f"NIS {c['nis_mean']:.3f} over {c['n']} innovations, expected {lo:.3f} to {hi:.3f} "
-        f"(99.9 % of right calibrations)"
+        f"(99.9 % of correct calibrations)"
     )
     channels = c["channels"].items()
     least = min(channels, key=lambda pair: min(pair[1]["white_p"], pair[1]["slow_drift_p"]))
     yield (
-        f"whiteness of the innovations: the least p-value is {least[0]}'s, "
+        f"whiteness of the innovations: the smallest p-value is {least[0]}'s, "
         f"{min(least[1]['white_p'], least[1]['slow_drift_p']):.2g}"
     )
     if bounded := c["bounded"]:
         yield (
-            f"rows that have a bound instead of a sigma: NIS {number(bounded['nis_mean'], 3)}, "
+            f"rows with a bound instead of a sigma: NIS {number(bounded['nis_mean'], 3)}, "
             f"at most {bounded['nis_interval'][1]:.3f} allowed"
         )
     for held in c["held_out"]:
         line = (
-            f"cycle {held['cycle']} held out: taking it in moves the estimates by χ² "
+            f"cycle {held['cycle']} held out: including it changes the estimates by χ² "
             f"{held['shift_chi2']:.1f} with {held['dof']} degrees of freedom, "
             f"p {held['p_value']:.2g}"
         )
         if held["force_residual_before_m_s2"] is not None:
             line += (
-                f"; force left in it {number(held['force_residual_before_m_s2'], 3)} m/s² before, "
+                f"; force residual in it {number(held['force_residual_before_m_s2'], 3)} m/s² "
+                f"before, "
                 f"{number(held['force_residual_after_m_s2'], 3)} m/s² by the other cycles"
             )
         yield line
@@ -138,20 +138,22 @@ def observability_lines(result: ResultContent) -> Iterator[str]:
     o = result.observability
     values = o["singular_values"]
     yield (
-        f"information against the prior: singular values from {number(max(values), 3)} "
+        f"information relative to the prior: singular values from {number(max(values), 3)} "
         f"to {number(min(values), 3)}"
     )
     if o["not_observed"]:
-        yield f"not observed (sigma hardly below the prior's): {names_by_axis(o['not_observed'])}"
+        yield (
+            f"not observed (sigma hardly below the prior sigma): {names_by_axis(o['not_observed'])}"
+        )
     for one in o["not_told_apart"]:
         parts = " ".join(f"{w:+.2f}·{n}" for n, w in one.items()).replace("-", "−")
-        yield f"not told apart: {parts} (in sigmas of the prior)"
+        yield f"not separable: {parts} (in sigmas of the prior)"
     if pairs := sorted(o["correlated"], key=lambda pair: -abs(pair["correlation"])):
         told = ", ".join(
             f"{' and '.join(pair['names'])} by {pair['correlation']:+.3f}" for pair in pairs[:FEW]
         )
         more = f", and {len(pairs) - FEW} more pairs beyond ±0.9" if len(pairs) > FEW else ""
-        yield f"hardly told apart, by their correlation: {told}{more}".replace("-", "−")
+        yield f"hardly separable, by their correlation: {told}{more}".replace("-", "−")
 
 
 def names_by_axis(names: Sequence[str]) -> str:
@@ -194,7 +196,7 @@ def protection_lines(result: ResultContent) -> Iterator[str]:
         line += f"; three sigmas are {number(one['covariance'] / size, 2)} {unit}"
         if one["total"] > WELL_PROTECTED * one["covariance"]:
             line += (
-                f", the rest is what {one['worst']} could do unseen; to lower it: "
+                f", the rest is the possible effect of {one['worst']} undetected; to lower it: "
                 f"{remedy(one['worst'])}"
             )
         yield line
@@ -242,7 +244,7 @@ def calibration_text(result: ResultContent) -> Iterator[RenderableType]:
 
 def judgement_lines(result: ResultContent) -> Iterator[str]:
     """Tell how far a calibration can be trusted: its tests, what it shows, its warnings."""
-    yield from sentences(result)
+    yield from calibration_sentences(result)
     yield from protection_lines(result)
     yield from observability_lines(result)
     yield from warning_lines(result.warnings)

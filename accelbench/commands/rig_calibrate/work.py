@@ -9,18 +9,15 @@ from accelbench.commands.rig_calibrate.options import asked_groups, asked_limits
 from accelbench.commands.rig_calibrate.text import calibration_document, calibration_text
 from accelbench.joint.result_file import CombinedResult, read_calibration
 from accelbench.shell.console import emit
-from accelbench.shell.outputs import (
-    Results,
-    check_results,
-    checked_run_output,
-    with_sidecars,
-)
+from accelbench.shell.outputs import Results, check_results, checked_run_output, with_sidecars
 from accelbench.shell.progress import working
 from accelbench.shell.surroundings import show_warnings_at_once
 from errormodel.errors import InputError
 from sinscal.calibration.hold_out import Held
 from sinscal.frames.earth import ARCSEC, DEG_PER_H
-from sinscal.judgement.judge import Judged, Options, calibrate_and_judge, judge_navigation
+from sinscal.judgement.judge import Judged
+from sinscal.judgement.options import Options
+from sinscal.judgement.procedure import calibrate_and_judge, judge_navigation
 from sinscal.judgement.result_content import run_digest
 from sinscal.judgement.result_file import RigResult, dump_result, make_result
 from sinscal.model.chamber import within_range
@@ -28,7 +25,7 @@ from sinscal.model.compensate import compensate_run
 from sinscal.model.larger_model import RigModelFile, read_rig_model
 from sinscal.model.priors import read_priors
 from sinscal.recording.files import compensated_with, read_nav_run, read_rig_run, write_rig_run
-from sinscal.recording.join import join_runs
+from sinscal.recording.join import join_rig_runs
 from sinscal.recording.run import NavRun, RigRun
 
 FAILED = 1
@@ -96,7 +93,7 @@ def _calibrated(
         show_warnings_at_once()
         with working("calibrating") as work:
             return nav, judge_navigation(nav, options, work.tell)
-    run = join_runs([read_rig_run(path) for path in files])
+    run = join_rig_runs([read_rig_run(path) for path in files])
     show_warnings_at_once()
     with working("calibrating") as work:
         return run, calibrate_and_judge(run, options, work.tell)
@@ -115,10 +112,10 @@ def compensate(file: Path, calibration: Path, out: Path, force: bool, as_json: b
     checked_run_output(out, [*with_sidecars([file]), calibration], force=force)
     result = read_calibration(calibration)
     if not result.converged:
-        raise InputError(calibration, "converged", "false: these values are not to be used")
+        raise InputError(calibration, "converged", "false: do not use these values")
     run = read_rig_run(file, physics=False)
     if (before := compensated_with(file)) is not None:
-        raise InputError(file, "", f"is compensated already, with {before}")
+        raise InputError(file, "", f"is already compensated, with {before}")
     done = _compensated(run, result)
     write_rig_run(done, out, compensated_with=result.result_id)
     flagged = int((~(done.flag == 0)).sum()) if done.flag is not None else 0

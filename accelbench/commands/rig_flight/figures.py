@@ -109,12 +109,12 @@ def _trajectory(flight: Flight, name: str) -> Picture:
     minutes = flight.time_s[until] / 60.0
     (first,) = near.plot(minutes, turned[until], color=COLOURS[0])
     (second,) = near.plot(minutes, np.rad2deg(roll)[until], color=COLOURS[1], linestyle="--")
-    dress(near, title="take-off and the first swings", x="time, min", y="angle, °")
+    dress(near, title="take-off and the first oscillations", x="time, min", y="angle, °")
     labels = ["heading less its mean", "bank, positive to the right"]
     legend_below(figure, [first, second], labels, enlarge=1.0)
     caption = (
-        f"The flight: {trajectory(plan)}; the axes of the way are not to one scale, and the middle "
-        "of its swings lies beside the line of the start."
+        f"The flight: {trajectory(plan)}; the axes of the path have different scales, and its "
+        f"mean line is offset from the starting line."
     )
     return picture(figure, name, caption)
 

@@ -90,7 +90,7 @@ def _document(path: Path) -> Mapping[str, Any]:
     except OSError as err:
         raise InputError(path, "", f"cannot be read: {err.strerror or err}") from err
     except ValueError as err:
-        raise InputError(path, "", f"is no JSON: {err}") from err
+        raise InputError(path, "", f"is not JSON: {err}") from err
     if not isinstance(document, dict):
         raise InputError(path, "", "expected an object with names and covariance")
     return cast(Mapping[str, Any], document)
@@ -104,7 +104,7 @@ def _calibration(path: Path, place: str, part: Mapping[str, Any]) -> Calibration
     for key in ("names", "covariance"):
         if key not in part:
             where = ".".join(p for p in (place, key) if p)
-            raise InputError(path, where, "is missing; expected what rig calibrate writes")
+            raise InputError(path, where, "is missing; expected the output of rig calibrate")
     names: Any = part["names"]
     if not isinstance(names, list) or not all(isinstance(n, str) for n in cast(list[Any], names)):
         raise InputError(path, "names", "expected a list of parameters' names")

@@ -31,12 +31,12 @@ CONVENTIONS = (
     "sum of the variances north and east.",
     "Navigation is autonomous, its height held from outside. The system is aligned at rest before "
     "take-off by the same sensors: errors of the alignment follow from those of the calibration.",
-    "A group's share of ρ² holds its correlations with the others; where errors cancel it may be "
-    "negative. Its part in metres is the root of that share, times ρ.",
+    "A group's share of ρ² includes its correlations with the others; if errors cancel, it may "
+    "be negative. Its part in metres is the root of that share, times ρ.",
 )
 OF_ARTICLE = (
-    "The article names neither the flight's shape nor its noise: this flight is one on which both "
-    "of its figures come out.",
+    "The article states neither the trajectory nor the noise of the flight: this flight is one "
+    "that reproduces both of its figures.",
 )
 
 

@@ -28,8 +28,7 @@ SHOWN_SHARE = 0.005
 EVERY_S = 10.0
 RHO = (
     "ρ: 1 σ of the horizontal position, the root of the sum of the variances north and east; "
-    "uncalibrated: with the sigmas known beforehand; without noise: what the calibration alone "
-    "leaves",
+    "uncalibrated: with the prior sigmas; without noise: with the calibration errors alone",
 )
 
 
@@ -48,7 +47,7 @@ class FlownCalibration:
     is_article: bool = False
 
 
-def fly(
+def fly_calibration(
     given: GivenCalibration,
     plan: FlightPlan,
     noise: FlightNoise,

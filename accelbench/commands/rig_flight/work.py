@@ -12,7 +12,7 @@ from accelbench.commands.rig_flight.text import (
     FlownCalibration,
     flight_document,
     flight_text,
-    fly,
+    fly_calibration,
 )
 from accelbench.shell.outputs import Results, check_results
 from accelbench.shell.progress import Work, working
@@ -36,7 +36,9 @@ def flight(
     runs, seed = given["runs"], given["seed"]
     with working("flying") as work:
         flown = [
-            fly(one, plan, noise, runs=runs, seed=seed, progress=_teller(one.name, work))
+            fly_calibration(
+                one, plan, noise, runs=runs, seed=seed, progress=_teller(one.name, work)
+            )
             for one in track(calibrations)
         ]
     results = Results(flight_document(plan, noise, flown), flight_text(plan, noise, flown))

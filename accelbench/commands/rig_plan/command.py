@@ -11,28 +11,34 @@ from accelbench.shell.outputs import (
     json_option,
 )
 
-priors_option = click.option("--priors", type=Path, help="PRIORS.toml: what is known beforehand.")
+priors_option = click.option("--priors", type=Path, help="PRIORS.toml: prior sigmas and means.")
 
 groups_option = click.option(
     "--groups",
     metavar="A,B",
-    help="Groups of errors beside biases, scale errors and misalignments.",
+    help="Groups of errors in addition to biases, scale errors and misalignments.",
 )
 
 
 @click.command()
 @click.argument("programme", type=Path, metavar="PROGRAMME.toml")
 @click.option("--out", type=Path, required=True, help="The recorded rig run to write.")
-@click.option("--errors", metavar="random|FILE", help="The sensors' errors; else the programme's.")
-@click.option("--truth", type=Path, help="TRUTH.json to write: the errors that were put in.")
-@click.option("--seed", type=click.IntRange(min=0), default=1, help="Of errors and noise; 1.")
-@click.option("--angle/--no-angle", default=None, help="Whether the rig's angle is recorded.")
-@click.option("--rate-hz", type=click.FloatRange(min=1, max=1000), help="Rows a second.")
-@click.option("--increments/--rates", default=None, help="What is written of the sensors.")
+@click.option(
+    "--errors",
+    metavar="random|FILE",
+    help="The sensors' errors; by default those of the programme.",
+)
+@click.option("--truth", type=Path, help="TRUTH.json to write: the true errors.")
+@click.option(
+    "--seed", type=click.IntRange(min=0), default=1, help="Random seed of errors and noise; 1."
+)
+@click.option("--angle/--no-angle", default=None, help="Record the rig's angle.")
+@click.option("--rate-hz", type=click.FloatRange(min=1, max=1000), help="Rows per second.")
+@click.option("--increments/--rates", default=None, help="Sensor data to write.")
 @click.option("--accelerometers", metavar="SX,SY,SZ",
               help="Serial numbers of emulated accelerometers on x, y, z.",
               )  # fmt: skip
-@click.option("--self-heating", is_flag=True, help="The SINS warms itself by 30 °C, τ 1500 s.")
+@click.option("--self-heating", is_flag=True, help="The SINS warms up by 30 °C, τ 1500 s.")
 @groups_option
 @priors_option
 @force_option
@@ -65,7 +71,7 @@ def simulate(**given: Any) -> None:
 @library_option()
 @json_option
 def covariance(**given: Any) -> None:
-    """Say before a test how well it will do.
+    """Predict the sigmas of a calibration before the test.
 
     Without a programme: the article's two tables, computed and published side by side. With one:
     the sigma of every parameter, and what each noise and each prior contributes to it. In Python:

@@ -58,7 +58,7 @@ def draw_programme(programme: Programme) -> Picture:
         "Rates of the body's axes (with the earth's rotation), angle of the platform, and the "
         f"specific force in the body's axes in the first {CLOSE_S:g} s of each cycle."
     )
-    caption += f" {left} further cycles are not shown closely." if left > 0 else ""
+    caption += f" {left} further cycles are not shown in detail." if left > 0 else ""
     return picture(figure, "programme.png", caption)
 
 
@@ -75,7 +75,7 @@ def _draw_vertical(axes: Any, true: RigMotion, cycle: CycleMotion, k: int) -> No
     dress(axes, title=title, x="time in the cycle, s", y="force, g" if k == 0 else "")
 
 
-def draw_sigmas(one: RigCovariance, mode: str) -> Picture:
+def draw_planned_sigmas(one: RigCovariance, mode: str) -> Picture:
     """Draw how much of each group's prior sigma is left over time."""
     figure = new_figure(10.0, 4.6)
     axes = figure.subplots()
@@ -110,7 +110,7 @@ def _cycle_ends(one: RigCovariance) -> FloatArray:
     return np.cumsum(one.cycle_s)
 
 
-def draw_correlations(one: RigCovariance, mode: str) -> Picture:
+def draw_planned_correlations(one: RigCovariance, mode: str) -> Picture:
     """Draw the correlations of the final covariance."""
     return draw_correlation_matrix(one.names, correlations(one), f"correlations_{mode}.png", mode)
 

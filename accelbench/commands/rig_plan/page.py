@@ -5,9 +5,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from accelbench.commands.rig_calibrate.text import names_by_axis
 from accelbench.commands.rig_plan.figures import (
     draw_budget,
-    draw_correlations,
+    draw_planned_correlations,
+    draw_planned_sigmas,
     draw_programme,
-    draw_sigmas,
 )
 from accelbench.commands.rig_plan.text import (
     HEADINGS,
@@ -30,9 +30,9 @@ CONVENTIONS = (
     "fixes the body's axes, Θ is full.",
     "Sigmas are standard deviations (1 σ); a density of noise is the sigma of a mean over "
     "one second.",
-    "The covariance is that of the calibration's own filter on the programme's exact motion; no "
-    "measurement enters it. Faults of the rig that the filter does not estimate are not in it.",
-    "A share of the budget is what one source alone contributes to the variance; they add up.",
+    "The covariance is that of the calibration filter on the exact motion of the programme; it "
+    "uses no measurement. It does not include faults of the rig that the filter does not estimate.",
+    "A share of the budget is the contribution of one source to the variance; the shares add up.",
 )
 
 
@@ -103,5 +103,9 @@ def _mode(mode: str, one: RigCovariance, advice: Sequence[Advice]) -> Iterator[S
         points=tuple(remarks(one, advice)),
         table=ReportTable(title="", columns=SIGMA_COLUMNS, rows=tuple(sigma_rows(one))),
         words=(0, 1, 4),
-        pictures=(draw_sigmas(one, mode), draw_budget(one, mode), draw_correlations(one, mode)),
+        pictures=(
+            draw_planned_sigmas(one, mode),
+            draw_budget(one, mode),
+            draw_planned_correlations(one, mode),
+        ),
     )

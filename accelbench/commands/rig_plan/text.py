@@ -184,7 +184,7 @@ def article_rows(
 def assumed(best: ArticleTables, literal: ArticleTables) -> Iterator[str]:
     """Say what was assumed, and how well it fits."""
     for what, made in (
-        ("Computed under the reading that fits best", best),
+        ("Computed under the interpretation that fits best", best),
         ("To the letter", literal),
     ):
         size = np.exp(made.rms_log)
@@ -235,4 +235,4 @@ def remarks(one: RigCovariance, advice: Sequence[Advice]) -> Iterator[str]:
     if unseen := list(not_seen(one)):
         yield f"Hardly seen (more than 90 % of the prior sigma is left): {', '.join(unseen)}."
     for a, b, value in correlated(one):
-        yield f"Hardly told apart: {a} and {b} (correlation {number(value, 3)})."
+        yield f"Hardly separable: {a} and {b} (correlation {number(value, 3)})."

@@ -41,7 +41,7 @@ from sinscal.twin.rig_file import RecordingTable, RigFile, TemperatureTable, rea
 
 RANDOM = "random"
 
-priors_option = click.option("--priors", type=Path, help="PRIORS.toml: what is known beforehand.")
+priors_option = click.option("--priors", type=Path, help="PRIORS.toml: prior sigmas and means.")
 
 
 def _groups(text: str | None) -> tuple[str, ...]:
@@ -51,7 +51,7 @@ def _groups(text: str | None) -> tuple[str, ...]:
 groups_option = click.option(
     "--groups",
     metavar="A,B",
-    help="Groups of errors beside biases, scale errors and misalignments.",
+    help="Groups of errors in addition to biases, scale errors and misalignments.",
 )
 
 

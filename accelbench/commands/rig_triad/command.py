@@ -13,16 +13,24 @@ UNITS = ("count", "m/s2", "g", "V", "mA")  # as sinscal.triad.rests has them
 
 @click.command()
 @click.argument("file", type=Path)
-@click.option("--columns", metavar="X,Y,Z", help="Of a plain log: numbers from 1, or names.")
-@click.option("--gravity", type=float, help="m/s²; of a rig run that of its site if not given.")
-@click.option("--rate-hz", type=float, help="Rows a second of a plain log.")
-@click.option("--time-column", metavar="COLUMN", help="Of a plain log, s; in place of the rate.")
 @click.option(
-    "--unit", type=click.Choice(UNITS), default="count", help="Of a plain log's readings."
+    "--columns", metavar="X,Y,Z", help="Columns of a plain log: numbers from 1, or names."
+)
+@click.option(
+    "--gravity", type=float, help="Gravity, m/s²; for a rig run that of its site if not given."
+)
+@click.option("--rate-hz", type=float, help="Rows per second of a plain log.")
+@click.option(
+    "--time-column", metavar="COLUMN", help="Time column of a plain log, s; in place of the rate."
+)
+@click.option(
+    "--unit", type=click.Choice(UNITS), default="count", help="Unit of the readings of a plain log."
 )
 @click.option("--means", is_flag=True, help="Each row of the log is the mean over a position.")
 @click.option(
-    "--sigma", type=click.FloatRange(min=0.0, min_open=True), help="Of such a mean, in its unit."
+    "--sigma",
+    type=click.FloatRange(min=0.0, min_open=True),
+    help="Sigma of such a mean, in its unit.",
 )
 @click.option(
     "--form",

@@ -22,7 +22,7 @@ def draw_triad(done: RestCalibration) -> Picture:
         number, 1e3 * done.before_m_s2, "o", color=COLOURS[0], markersize=4
     )
     nominal = done.rests.unit in ("m/s2", "g")
-    title = "nominal scale, no bias" if nominal else "one scale for all axes, biases taken off"
+    title = "nominal scale, no bias" if nominal else "one scale for all axes, biases subtracted"
     dress(before, title=f"Before: {title}", y="|f| − g, mm/s²")
     sigma = np.hypot(done.fit.within_m_s2, done.fit.pose_m_s2)
     residual = done.fit.residual_m_s2
@@ -47,7 +47,7 @@ def draw_triad(done: RestCalibration) -> Picture:
     legend_below(figure, list(handles.values()), list(handles), enlarge=1.5)
     caption = (
         f"Left: |f| − g in the {number.size} positions at rest, before and after calibration. "
-        "Right: where up points in the triad's axes, seen along z, equal areas; rings are 30° "
+        "Right: direction of up in the triad's axes, seen along z, equal areas; rings are 30° "
         "and 60° from the z axis."
     )
     return picture(figure, "triad.png", caption)

@@ -28,14 +28,14 @@ def triad_document(done: RestCalibration) -> dict[str, object]:
     ]
     return {
         "parameters": {
-            name: {"value": value, "sigma": sigma, "unit": unit_of(name, done.rests.unit)}
+            name: {"value": value, "sigma": sigma, "unit": parameter_unit(name, done.rests.unit)}
             for name, value, sigma in zip(
                 fit.names, fit.values.tolist(), fit.sigmas.tolist(), strict=True
             )
         },
         "names": list(fit.names),
         "covariance": fit.cov.tolist(),
-        "formula": formula(done),
+        "formula": triad_formula(done),
         "matrix": fit.model.matrix.tolist(),
         "bias": fit.model.bias.tolist(),
         "errors": _errors(done),
@@ -77,7 +77,7 @@ def triad_document(done: RestCalibration) -> dict[str, object]:
     }
 
 
-def unit_of(name: str, unit: str) -> str:
+def parameter_unit(name: str, unit: str) -> str:
     """Return the unit of a parameter, for readings in `unit`."""
     of_kind = (
         ("scale_t", "1/°C"),
@@ -88,7 +88,7 @@ def unit_of(name: str, unit: str) -> str:
     return {f"{kind}_{a}": shown for kind, shown in of_kind for a in AXES}.get(name, "rad")
 
 
-def formula(done: RestCalibration) -> str:
+def triad_formula(done: RestCalibration) -> str:
     """Say how the result is applied."""
     return FORMULA + ("" if done.fit.t_ref_c is None else WITH_TEMPERATURE)
 
@@ -103,21 +103,21 @@ def triad_text(done: RestCalibration) -> Iterator[RenderableType]:
     )
     made = table("parameter", "value", "unit", right=("value",))
     for name, value, sigma in zip(fit.names, fit.values, fit.sigmas, strict=True):
-        made.add_row(name, value_and_sigma(value, sigma), unit_of(name, done.rests.unit))
+        made.add_row(name, value_and_sigma(value, sigma), parameter_unit(name, done.rests.unit))
     yield made
-    yield f"apply: {formula(done)}; {fit.model.gauge} form"
-    yield from sentences(done)
+    yield f"apply: {triad_formula(done)}; {fit.model.gauge} form"
+    yield from triad_sentences(done)
 
 
-def sentences(done: RestCalibration) -> Iterator[str]:
+def triad_sentences(done: RestCalibration) -> Iterator[str]:
     """Say what the fit is worth."""
     fit = done.fit
     before, after = 1e3 * rms(done.before_m_s2[fit.used]), 1e3 * fit.rms_m_s2
     yield f"|f| − g: {number(before)} mm/s² rms before, {number(after)} mm/s² after"
     p = stats.chi2.sf(fit.chi2, fit.dof) if fit.dof else 1.0
     said = (
-        f"scatter from position to position of {number(1e3 * fit.pose_m_s2, 3)} mm/s² is in the "
-        "sigmas"
+        f"scatter from position to position of {number(1e3 * fit.pose_m_s2, 3)} mm/s² is "
+        f"included in the sigmas"
         if fit.pose_m_s2 > 0
         else "the noise of the rows explains it"
     )
@@ -128,14 +128,14 @@ def sentences(done: RestCalibration) -> Iterator[str]:
         yield (
             f"the readings go in steps of {number(float(done.intervals.digit[:3].max()), 3)} "
             f"{done.rests.unit}, coarser than their noise: a position's mean is known to "
-            f"{number(float(coarse.max()), 2)} {done.rests.unit}, which is in the sigmas"
+            f"{number(float(coarse.max()), 2)} {done.rests.unit}, which is included in the sigmas"
         )
     if done.left_out.size:
         shown = ", ".join(str(row + 1) for row in done.left_out[:SHOWN].tolist())
         more = f" and {done.left_out.size - SHOWN} more" if done.left_out.size > SHOWN else ""
         yield (
-            f"{done.left_out.size} readings left out, which leave their neighbours and come back: "
-            f"row {shown}{more}"
+            f"{done.left_out.size} readings left out, which deviate from their neighbours and "
+            f"return: row {shown}{more}"
         )
     for one in fit.left_out:
         yield (
@@ -150,24 +150,24 @@ def render_triad(done: RestCalibration) -> dict[str, bytes]:
 
     fit = done.fit
     rows = tuple(
-        (name, value_and_sigma(value, sigma), unit_of(name, done.rests.unit))
+        (name, value_and_sigma(value, sigma), parameter_unit(name, done.rests.unit))
         for name, value, sigma in zip(fit.names, fit.values, fit.sigmas, strict=True)
     )
     parameters = ReportTable(
         title="Parameters", columns=("parameter", "value ± 1 σ", "unit"), rows=rows
     )
     picture = draw_triad(done)
-    first, *_ = sentences(done)
+    first, *_ = triad_sentences(done)
     page = Page(
         title="Accelerometer triad from positions at rest",
         verdicts=(Banner(text=first, state="open" if done.doubts else ""),),
         sections=(
-            Section(title="Result", points=tuple(sentences(done)), pictures=(picture,)),
+            Section(title="Result", points=tuple(triad_sentences(done)), pictures=(picture,)),
             Section(
                 title="Parameters",
                 table=parameters,
                 words=(0, 2),
-                lines=(f"{formula(done)}. {fit.model.gauge.capitalize()} form.",),
+                lines=(f"{triad_formula(done)}. {fit.model.gauge.capitalize()} form.",),
             ),
         ),
     )

@@ -38,10 +38,10 @@ def triad(
     """Carry out `accelbench triad`; the arguments are its options."""
     check_results(out, report, [file, sidecar_path(file)], force=force)
     if sigma is not None and not means:
-        raise click.UsageError("--sigma belongs to --means")
+        raise click.UsageError("--sigma requires --means")
     if means:
         if rate_hz is not None or time_column is not None:
-            raise click.UsageError("--rate-hz and --time-column do not belong to --means")
+            raise click.UsageError("--rate-hz and --time-column are not allowed with --means")
         names, g = _three(columns, gravity)
         rests = rests_of_means(file, names, gravity_m_s2=g, unit=unit, sigma=sigma or 0.0)
     else:
@@ -87,7 +87,7 @@ def _rests(
     _check_gravity(gravity)
     if columns is None:
         if rate_hz is not None or time_column is not None:
-            raise click.UsageError("--rate-hz and --time-column belong to --columns")
+            raise click.UsageError("--rate-hz and --time-column require --columns")
         return rests_of_run(file, gravity)
     names, g = _three(columns, gravity)
     if (rate_hz is None) == (time_column is None):

@@ -14,21 +14,21 @@ from accelbench.shell.outputs import force_option, json_option
 @click.argument("sequence", type=Path, required=False, metavar="SEQUENCE.toml")
 @click.option("--station", type=Path, help="Instruments; without it they are emulated.")
 @store_option
-@click.option("--resume", metavar="ID", help="Go on with an interrupted test.")
+@click.option("--resume", metavar="ID", help="Resume an interrupted test.")
 @click.option(
-    "--take-over", is_flag=True, help="Take over a chamber that is found in use, or switched off."
+    "--take-over", is_flag=True, help="Take over a chamber that is in use or switched off."
 )
-@click.option("--dry-run", is_flag=True, help="Print the plan and do nothing.")
-@click.option("--detach", is_flag=True, help="Run it in a process of its own and tell only its id.")
-@click.option("--notify", type=Path, help="File with [notify]: who is told of its end and alarms.")
-@click.option("--out", type=Path, help="Write the recorded run here when it is done.")
+@click.option("--dry-run", is_flag=True, help="Print the plan without running it.")
+@click.option("--detach", is_flag=True, help="Run it in a process of its own and print its id.")
+@click.option("--notify", type=Path, help="File with [notify]: who is told of alarms.")
+@click.option("--out", type=Path, help="Recorded run to write at the end.")
 @click.option("--model", type=Path, help="TERMS.toml: the terms of the live estimate.")
 @click.option(
     "--speed",
     type=click.FloatRange(min=0, min_open=True),
-    help="Multiple of real time, for emulated instruments only; as fast as can be if not given.",
+    help="Multiple of real time, for emulated instruments only; as fast as possible if not given.",
 )
-@click.option("-v", "--verbose", is_flag=True, help="Tell the verdict on every ramp.")
+@click.option("-v", "--verbose", is_flag=True, help="Print the verdict on every ramp.")
 @force_option
 @library_option()
 @json_option

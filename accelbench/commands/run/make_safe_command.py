@@ -13,7 +13,7 @@ from accelbench.shell.outputs import json_option
 @click.option(
     "--force",
     is_flag=True,
-    help="Ask a test that runs on the chamber to end; go on after 30 s even if it does not.",
+    help="End a running test on the chamber; continue after 30 s even if it does not end.",
 )
 @click.option(
     "--interrupted",
@@ -22,7 +22,7 @@ from accelbench.shell.outputs import json_option
 )
 @json_option
 def make_safe(**given: Any) -> int:
-    """Put a station's chamber into its safe condition, and verify that.
+    """Put a station's chamber into its safe condition and verify it.
 
     The profile is ended, the ramp switched off, the set point put to safe_temp_c, and each is read
     back. Refused while another process holds the chamber, with that one's name. Exit code 0: safe

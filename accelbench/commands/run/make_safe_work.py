@@ -26,12 +26,12 @@ def make_safe(station: Path, force: bool, interrupted: bool, as_json: bool) -> i
     }
     lines = list(safe.steps)
     if made.interrupted_test:
-        lines.append(f"it was left behind by test {made.interrupted_test}")
+        lines.append(f"it was left by the interrupted test {made.interrupted_test}")
     if safe.verified:
         lines.append(f"chamber's safe condition verified: {config.chamber.safe_temp_c:g} °C")
     elif made.needed:
         how = "NOT VERIFIED" if safe.commanded else "NOT VERIFIED, not commanded"
-        lines.append(f"chamber's safe condition {how}: see to the chamber")
+        lines.append(f"chamber's safe condition {how}: check the chamber")
     if made.held_by:
         lines.append(f"held by {made.held_by}")
         if safe.verified:

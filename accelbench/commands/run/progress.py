@@ -13,7 +13,7 @@ from rich.text import Text
 from accelbench.shell.console import value_and_sigma
 from accelbench.shell.surroundings import Shell, current_shell
 from accelbench.shell.tables import copied
-from accelbench.shell.terminal import Channel, Terminal
+from accelbench.shell.terminal import OutputStream, Terminal
 from thermo.planning.text import duration_text
 from thermo.station.observers.detached import DetachedObserver
 from thermo.station.observers.live import LiveEstimate
@@ -56,7 +56,7 @@ class _Bar(Progress):
 class _Writer:
     """File for rich to draw into: the channel itself, in the thread that may wait for it."""
 
-    def __init__(self, channel: Channel) -> None:
+    def __init__(self, channel: OutputStream) -> None:
         self._channel = channel
         self.encoding = channel.encoding
 

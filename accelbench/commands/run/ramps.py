@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 from accelbench.shell.console import number
 from thermo.station.uniformity import RampVerdict
 
-UNJUDGED = "too few readings to be judged"
+UNJUDGED = "too few readings for a verdict"
 
 
 def ramp_lines(verdicts: Sequence[RampVerdict], *, verbose: bool) -> Iterator[str]:
@@ -50,8 +50,8 @@ def _against_service(judged: Sequence[RampVerdict]) -> Iterator[str]:
     for (commanded, sins_rate), percent in told.items():
         faster = "faster" if percent > 0 else "slower"
         yield (
-            f"ramps of {number(commanded, 3)} °C/min are {number(abs(percent), 3)} % {faster} than "
-            f"the SINS warms itself, at {number(sins_rate, 3)} °C/min (mismatch, by the sequence's "
-            "[uniformity]): errors that depend on the rate are measured at another rate than in "
-            "service"
+            f"ramps of {number(commanded, 3)} °C/min are {number(abs(percent), 3)} % {faster} "
+            f"than the self-heating of the SINS, at {number(sins_rate, 3)} °C/min (mismatch, by "
+            f"[uniformity] of the sequence): errors that depend on the rate are measured at a "
+            f"different rate from service"
         )

@@ -126,7 +126,7 @@ def run_text(
     )
     if after.in_store is not None:
         lines.append(
-            f"in the store it has {after.in_store} readings in all"
+            f"in total the store has {after.in_store} readings in all"
             + (
                 f"; {after.repeated} of them, of the interrupted part of a run, were measured "
                 "again and are not exported"
@@ -138,18 +138,18 @@ def run_text(
         lines.append(f"store: {outcome.store_note}")
     lines += [f"complaint: {text}" for text in outcome.complaints]
     if outcome.safe.commanded:
-        safe = "verified" if outcome.safe.verified else "NOT VERIFIED: see to the chamber"
+        safe = "verified" if outcome.safe.verified else "NOT VERIFIED: check the chamber"
         lines.append(f"chamber's safe condition {safe}: {'; '.join(outcome.safe.steps)}")
     else:
         lines.append(f"chamber: not commanded; {'; '.join(outcome.safe.steps)}")
     lines += ramp_lines(after.verdicts, verbose=verbose)
     ended = outcome.status == "finished"
-    what = "recorded run" if ended else "recorded run, of what was measured so far"
+    what = "recorded run" if ended else "recorded run of the readings so far"
     lines += [f"{what}: {path}" for path in after.exported]
     lines += after.problems
     if not ended and outcome.test_id:
         resume = ["run", "--resume", outcome.test_id, "--store", store]
         if after.exported and after.out:
             resume += ["--out", after.out, "--force"]
-        lines.append(f"go on with: accelbench {shlex.join(resume)}")
+        lines.append(f"resume with: accelbench {shlex.join(resume)}")
     return [*lines, *run_in_text(after.settled or ())]

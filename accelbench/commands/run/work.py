@@ -128,7 +128,7 @@ def _job(path: Path | None, station: Path | None, store: str, resume: str | None
     if resume is not None:
         return make_resumed_job(resume, store, config, sequence=given, source=str(path))
     if given is None:
-        raise click.UsageError("SEQUENCE.toml is missing; only --resume goes without it")
+        raise click.UsageError("SEQUENCE.toml is missing; only --resume works without it")
     return make_job(given, store, config, source=str(path))
 
 

@@ -10,27 +10,31 @@ from accelbench.shell.inputs import trust_option
 from accelbench.shell.library import library_option
 from accelbench.shell.outputs import force_option, json_option
 
-WINDOW = 4  # as thermo.run_in.verdict has it, which takes its second to import
+WINDOW = 4  # as thermo.run_in.judge has it, which takes its second to import
 
 
 @click.command()
 @RUNS
-@click.option("--sequence", type=Path, help="SEQUENCE.toml whose [run_in] holds the limits.")
+@click.option("--sequence", type=Path, help="SEQUENCE.toml with the limits in [run_in].")
 @click.option("--k0-limit-ug", type=float, help="Acceptable change of K0, µg; 15 if not given.")
 @click.option("--k1-limit-ppm", type=float, help="Acceptable change of K1, ppm; 15 if not given.")
-@click.option("--confidence", type=float, help="Of the verdict; 0.95 if not given.")
-@click.option("--t-ref-c", type=float, help="Where K0 and K1 are compared, °C; 25 if not given.")
+@click.option("--confidence", type=float, help="Confidence of the verdict; 0.95 if not given.")
+@click.option(
+    "--t-ref-c",
+    type=float,
+    help="Temperature at which K0 and K1 are compared, °C; 25 if not given.",
+)
 @click.option(
     "--nothing-slow",
     is_flag=True,
     default=None,
-    help="Assume that nothing slower than the relaxation goes on; the verdict then says so.",
+    help="Assume that there is no process slower than the relaxation; the verdict then says so.",
 )
 @click.option(
     "--window",
     type=click.IntRange(min=2),
     default=WINDOW,
-    help=f"Cycles at either end that make the instability before and after; {WINDOW} by default.",
+    help=f"Cycles at either end for the instability before and after; {WINDOW} by default.",
 )
 @click.option("--report", type=Path, help="Folder for the report and its figures.")
 @trust_option
@@ -38,7 +42,7 @@ WINDOW = 4  # as thermo.run_in.verdict has it, which takes its second to import
 @library_option()
 @json_option
 def runin(**given: Any) -> int:
-    """Judge the run-in of recorded cycles: settled, or how many more are needed.
+    """Test whether recorded run-in cycles have settled, or how many more are needed.
 
     Each run is a cycle, in the order of their starts, or of the files where those are not
     recorded. Exit code 1: an accelerometer has not settled. In Python:

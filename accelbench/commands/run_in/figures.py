@@ -45,7 +45,7 @@ def draw_convergence(one: RunInVerdict, name: str) -> Picture:
         _draw_coefficient(axes, coefficient, one, handles)
     legend_below(figure, list(handles.values()), list(handles), enlarge=1.0)
     caption = f"{one.sentence}. Values are differences from the last cycle's estimate; beyond "
-    caption += "twice the limit the scale is logarithmic where the relaxation was large."
+    caption += "twice the limit the scale is logarithmic if the relaxation was large."
     return picture(figure, name, caption)
 
 
@@ -58,7 +58,7 @@ def _draw_coefficient(axes: Any, c: Relaxation, one: RunInVerdict, handles: dict
     low, high = np.quantile(future, share, axis=0)
     percent = f"{100 * (share[1] - share[0]):.3g} %"
     made = axes.fill_between(ahead, low, high, color=BAND, linewidth=0)
-    handles.setdefault(f"where it will be, {percent}", made)
+    handles.setdefault(f"predicted value, {percent}", made)
     both = np.concatenate([np.median(c.draws.past, axis=0) - last, np.median(future, axis=0)[1:]])
     (line,) = axes.plot(np.arange(1, n + AHEAD + 1), both, color=COOLING_COLOUR, linewidth=1.3)
     handles.setdefault(f"fit, {one.law}", line)

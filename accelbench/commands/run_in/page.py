@@ -11,11 +11,11 @@ from thermo.run_in.cycles import in_order
 from thermo.run_in.verdict import RunInVerdict
 
 TERMS = (
-    "κ is the number of cycles in which the change falls to 1/e of what it was (exponential) or to "
-    "half (slow law).",
-    "Excluded at odds of 20: the law is twenty times less likely than the other, given the cycles.",
-    "Limits in brackets hold in 95 % of cases for so few runs; a spread that the runs do not show "
-    "is written as its upper limit (<).",
+    "κ is the number of cycles in which the change falls to 1/e (exponential) or to half (slow "
+    "law).",
+    "Excluded at odds of 20: given the cycles, the law is twenty times less likely than the other.",
+    "Limits in brackets have 95 % coverage for so few runs; if the runs show no spread, its "
+    "upper limit is given (<).",
 )
 
 

@@ -138,7 +138,7 @@ def law_sentence(v: RunInVerdict) -> str:
     law, other = sorted(LAW_TEXT, key=lambda name: name != v.law)
     used = f"the {LAW_TEXT[law]} law is the likelier"
     slower = "a second relaxation, creep and a random walk beside it are " + (
-        "assumed not to be there" if v.nothing_slow else "weighed in"
+        "assumed to be absent" if v.nothing_slow else "weighed in"
     )
     if v.other_law_needs is None:
         return f"{used}, the {LAW_TEXT[other]} one is excluded at odds of 20; {slower}"
@@ -161,11 +161,11 @@ def run_in_text(verdicts: Sequence[RunInVerdict]) -> Iterator[RenderableType]:
     )
     if ends:
         yield (
-            "instability: 1 σ between runs, its 95 % limits in brackets, or < their upper one "
-            f"where the runs do not show any; {ends}"
+            "instability: 1 σ between runs, its 95 % limits in brackets, or < the upper limit if "
+            f"the runs show no instability; {ends}"
         )
     nominal = ", ".join(v.serial for v in verdicts if not v.scale_fitted)
     if nominal:
-        yield f"{nominal}: cycles give no K1; K0 in µg is over the nominal scale factor"
+        yield f"{nominal}: the cycles do not determine K1; K0 in µg uses the nominal scale factor"
     for v in verdicts:
         yield f"{v.sentence}; {law_sentence(v)}"

@@ -72,10 +72,10 @@ def _rule_text(rule: RunInRule) -> str:
     return (
         f"Settled: with a confidence of {100 * rule.confidence:g} %, neither will K0 ever again "
         f"change by more than {rule.k0_limit_ug:g} µg nor K1 by more than {rule.k1_limit_ppm:g} "
-        f"ppm at {rule.t_ref_c:g} °C from what they were in the last cycle, of what relaxes; "
-        "the scatter of one run about the next is not counted."
+        f"ppm at {rule.t_ref_c:g} °C from their values in the last cycle, due to relaxation; the "
+        f"scatter between runs is not counted."
         + (
-            " It is assumed that nothing slower than the relaxation goes on."
+            " It is assumed that there is no process slower than the relaxation."
             if rule.nothing_slow
             else ""
         )

@@ -18,8 +18,12 @@ from accelbench.shell.outputs import force_option, json_option
 @click.option(
     "--at-c", type=float, multiple=True, metavar="°C…", help="Reference temperature; several."
 )
-@click.option("--limits", type=Path, help="LIMITS.toml: limits, grades, what was done between.")
-@click.option("--between", type=Path, help="The same kind of file, for what was done between.")
+@click.option(
+    "--limits", type=Path, help="LIMITS.toml: limits, grades, conditions between the runs."
+)
+@click.option(
+    "--between", type=Path, help="File of the same format with the conditions between the runs."
+)
 @click.option("--report", type=Path, help="Folder for the report and its figures.")
 @trust_option
 @force_option

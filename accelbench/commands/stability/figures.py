@@ -98,10 +98,10 @@ def draw_overview(result: Stability) -> Picture:
     legend_below(figure, list(handles.values()), list(handles))
     left = len(result.accelerometers) - len(ranked)
     caption = (
-        "The batch, the steadiest on top, its verdict and grade at the right: points are "
-        "estimates (an open mark at 0: none is shown), bars their limits, those of the verdict "
-        "where a limit is given (an arrow where they go beyond the panel); the dashed line is the "
-        "acceptance limit."
+        "The batch, the most stable on top, with verdict and grade at the right. Points are "
+        "estimates (an open mark at 0: no difference is seen). Bars are their limits; if an "
+        "acceptance limit is given, those of the verdict. An arrow means that they extend beyond "
+        "the panel. The dashed line is the acceptance limit."
     )
     caption += f" {left} further accelerometers are not shown." if left else ""
     return picture(figure, "overview.png", caption)
@@ -189,7 +189,7 @@ def draw_components(found: VarianceFit) -> Picture:
     names = [f"{c.name.replace('_', ' × ')} ({c.dof})" for c in shown]
     axes.set_yticks(range(len(shown)), names)
     axes.set_ylim(len(shown) - 0.5, -0.5)
-    dress(axes, title="Where the variance lies", x="1 σ, µg (logarithmic)")
+    dress(axes, title="Variance components", x="1 σ, µg (logarithmic)")
     return picture(
         figure,
         "components.png",

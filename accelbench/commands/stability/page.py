@@ -17,8 +17,8 @@ from accelbench.commands.stability.text import (
     headline,
     limits_text,
     movements,
-    sentences,
     sigma_text,
+    stability_sentences,
     summary_row,
 )
 from accelbench.shell.outputs import REPORT_NAME
@@ -38,22 +38,23 @@ from thermo.stability.components import FACTORS
 from thermo.stability.judge import AccelerometerStability, Stability
 
 CONVENTIONS = (
-    "1 σ between runs is the standard deviation of the coefficient itself; what the estimation of "
-    "each run adds (its own sigma, white noise and drift) is taken out.",
+    "1 σ between runs is the standard deviation of the coefficient itself; the variance of each "
+    "run's estimation error (white noise and drift) is subtracted.",
     "Limits of a sigma hold for few runs (law of the weighted sum of squares, the sigmas of the "
     "estimation being estimates too); those of max − min and of curve distances hold in 95 % of "
-    "cases or more. A sigma that the runs do not show is written as its upper limit (<). "
+    "cases or more. If the runs show no difference, the upper limit of the sigma is given (<). "
     f"{LIMITS_TEXT[0].upper()}{LIMITS_TEXT[1:]}.",
-    "An accelerometer fails when a limit is exceeded beyond chance: one within all its limits is "
-    "failed in 5 % of cases at most. Pass means shown to be within; undecided, that these runs "
-    "cannot tell.",
-    "The trend's p-value says how often runs without a trend show as steep a one, in time where "
+    "An accelerometer fails if a limit is significantly exceeded: one within all its limits "
+    "fails in at most 5 % of cases. Pass means confirmed within the limits; undecided, that "
+    "these runs cannot decide.",
+    "The p-value of the trend is the probability of an equally steep trend by chance, in time if "
     "the starts are recorded, else from run to run.",
     "Spread is the rms of the K0 curves of runs and directions about their mean, as likely too "
     "high as too low for any number of runs; bend, the rms of that mean about a straight line. "
-    "The rank is by spread. A grade is given when the upper limits keep it; a better one in "
-    "brackets is one that the runs do not exclude.",
-    "What all accelerometers did together in a run is the station's and not counted as their own.",
+    "The rank is by spread. A grade is given if the upper limits satisfy it; a better grade in "
+    "brackets is not excluded by the runs.",
+    "A change common to all accelerometers in a run is attributed to the station and not counted "
+    "against them.",
 )
 
 
@@ -92,7 +93,7 @@ def _verdicts(result: Stability) -> Iterator[Banner]:
         for line in movements(one):
             yield Banner(text=f"{one.serial}: {line}", state="open")
     if not any(a.verdict in STATES for a in result.accelerometers):
-        yield Banner(text="no limits were given: nothing is judged")
+        yield Banner(text="no limits were given: no verdict")
 
 
 def _opening(result: Stability) -> Iterator[Section]:
@@ -109,7 +110,7 @@ def _opening(result: Stability) -> Iterator[Section]:
         pictures=(draw_overview(result),),
     )
     yield Section(
-        title="What repeatability means here",
+        title="Definition of repeatability",
         lines=(definition(result),),
     )
 
@@ -151,7 +152,7 @@ def _details(result: Stability) -> Iterator[Section]:
 def _of_one(one: AccelerometerStability, pictures: list[Picture]) -> Section:
     return Section(
         title=f"{one.serial}: {one.verdict}",
-        points=tuple(sentences(one)),
+        points=tuple(stability_sentences(one)),
         table=ReportTable(
             title="",
             columns=COLUMNS,

@@ -182,11 +182,11 @@ def _one_text(one: AccelerometerStability) -> Iterator[RenderableType]:
     for c in one.coefficients:
         made.add_row(*coefficient_row(one, c))
     yield made
-    for line in sentences(one):
+    for line in stability_sentences(one):
         yield f"  {line}"
 
 
-def sentences(one: AccelerometerStability) -> Iterator[str]:
+def stability_sentences(one: AccelerometerStability) -> Iterator[str]:
     """Tell what the table of coefficients does not hold, a sentence a line."""
     for c in one.criteria:
         yield criterion_text(c)
@@ -214,7 +214,7 @@ def _no_movement(one: AccelerometerStability) -> Iterator[str]:
     if one.trends:
         return
     if runs > FEW_RUNS:
-        yield "no coefficient is shown to move with the runs"
+        yield "no coefficient shows a significant trend over the runs"
         return
     looks = [
         f"{trend_text(c)} (p = {number(c.scatter.trend_p, 1)})"
@@ -222,7 +222,7 @@ def _no_movement(one: AccelerometerStability) -> Iterator[str]:
         if c.scatter.trend_p is not None and c.scatter.trend_p < SUSPECT
     ]
     said = f", but {'; '.join(looks)}" if looks else ""
-    yield f"{runs} runs cannot tell a trend from scatter{said}"
+    yield f"{runs} runs cannot separate a trend from scatter{said}"
 
 
 def _distance_text(name: str, one: Distance, unit: str, limits: tuple[float, float]) -> str:
@@ -251,7 +251,7 @@ def _chart_text(one: AccelerometerStability) -> str:
 def component_lines(found: VarianceFit | None) -> Iterator[str]:
     """Tell the variance components."""
     if found is None:
-        yield "variance components: these runs cannot tell any apart"
+        yield "variance components: these runs cannot separate any"
         return
     yield "variance components of the error, 1 σ in µg (95 % limits):"
     for c in found.components:

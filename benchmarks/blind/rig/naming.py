@@ -25,7 +25,8 @@ from benchmarks.blind.rig.sets import PROTOCOLS
 from benchmarks.blind.rig.setup import Setup
 from benchmarks.blind.rig.truth import Stranger, write_rig_run
 from sinscal.discrepancy.find import find_rig_discrepancy
-from sinscal.judgement.judge import Options, calibrate_and_judge
+from sinscal.judgement.options import Options
+from sinscal.judgement.procedure import calibrate_and_judge
 from sinscal.recording.files import read_rig_run
 from sinscal.recording.run import RigRun
 

@@ -27,7 +27,9 @@ from benchmarks.blind.rig.sets import PARTS, PROTOCOLS
 from benchmarks.blind.rig.setup import DEG_H, T_REF_C, G, Setup
 from benchmarks.blind.rig.truth import Stranger, temperatures, write_rig_run
 from benchmarks.blind.rig.yardstick import yardstick_of
-from sinscal.judgement.judge import Judged, Options, calibrate_and_judge
+from sinscal.judgement.judge import Judged
+from sinscal.judgement.options import Options
+from sinscal.judgement.procedure import calibrate_and_judge
 from sinscal.recording.files import read_rig_run
 
 SEEN_D = 7.0

@@ -18,7 +18,8 @@ from errormodel.discrepancy.search.ranking import (
 from errormodel.discrepancy.search.state import SearchState
 from errormodel.noise.floor import estimate_floor
 
-# The share of a pattern that effects before it imitate, from which it may be their ill-known shape.
+# Share of a pattern imitated by earlier effects, above which it may be due to their uncertain
+# shape.
 IMITATED = 0.3
 
 
@@ -50,9 +51,9 @@ def renew_noise_beside_event(state: SearchState) -> SearchState:
 
 
 def take_pair_instead(state: SearchState) -> SearchState:
-    """Put two effects in the place of the first where they explain clearly more than it.
+    """Replace the first effect by two if they explain clearly more.
 
-    Where they explain more, but not enough for a second name, the first is no bare name.
+    If they explain more, but not enough for a second name, the first is not named alone.
     """
     rules = state.rules
     if len(state.chosen) != 1 or not rules.pairs or rules.most < 2 or _last_is_event(state):
@@ -118,10 +119,9 @@ def _with_flexible_form(state: SearchState, chosen: Sequence[Choice]) -> tuple[C
 def _ranked_for_entry(state: SearchState, view: View) -> list[Ranked]:
     """Return candidates in the order in which they may enter.
 
-    Events count with their likelihood ratios, each beside its own noise. Where one run is all there
-    is and something else enters, what happens once is left out: what repeats can be tested by a
-    second run; a step that happened beside it cannot, and a step of free instant imitates a loop
-    that turns back but once.
+    The statistic of an event is its likelihood ratio with its own noise. With a single run, events
+    are left out if another effect enters: a second run can test a repeatable effect but not a step,
+    and a step at a free time imitates a loop with only one reversal.
     """
     ranked = ranked_by_gain(state, view)
     if not state.shapes:
@@ -135,10 +135,10 @@ def _ranked_for_entry(state: SearchState, view: View) -> list[Ranked]:
 
 
 def _likelier_kind_first(state: SearchState, view: View, ranked: list[Ranked]) -> list[Ranked]:
-    """Put first what enters first: of what repeats and of events, whichever is likelier.
+    """Put the likelier kind first, repeatable effects or events.
 
-    What repeats poses as an event while it is missing, and an event as what repeats, so the
-    two are compared by the same likelihood ratio.
+    While it is missing, a repeatable effect may appear as an event and an event as a repeatable
+    effect, so both are compared by the same likelihood ratio.
     """
     entering = [r for r in ranked if _is_significant(state, r)]
     steady = next((r for r in entering if not r.found.candidate.event), None)
@@ -155,11 +155,11 @@ def _is_significant(state: SearchState, one: Ranked) -> bool:
 
 
 def _is_further_effect(state: SearchState, one: Ranked, view: View) -> bool:
-    """Tell whether a further effect is more than the ill-known shape of those before it.
+    """Return True if a further effect is more than the uncertain shape of the earlier ones.
 
-    What one event leaves of a random walk looks like another: a second event must be as clear
-    as a second effect that repeats. Beside what repeats, an event is judged as the first is,
-    unless the rules ask for more.
+    The remainder of a random walk after one event resembles another event. A second event must
+    therefore be as clear as a second repeatable effect. Beside repeatable effects, an event is
+    tested like the first effect, unless the rules require more.
     """
     candidate, events = one.found.candidate, view.problem.events
     if candidate.name in events and any(c.name in events for c in state.chosen):
@@ -170,7 +170,7 @@ def _is_further_effect(state: SearchState, one: Ranked, view: View) -> bool:
 
 
 def _is_shape(state: SearchState, one: Ranked, view: View) -> bool:
-    """Tell whether an effect is only the ill-known shape of those named before it."""
+    """Return True if an effect is only the uncertain shape of earlier named effects."""
     if one.score < state.rules.further:
         return True
     plain = state.view(state.task.start)  # the shape of the equation's own terms is known

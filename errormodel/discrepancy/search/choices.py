@@ -15,24 +15,24 @@ class Rules:
     Attributes
     ----------
     alpha, alpha_event : float
-        False-alarm rates of the effects that repeat and of the events, each as a whole, for one
-        to enter.
+        False-alarm rates for adding an effect: for all repeatable effects together, and for all
+        events together.
     least : float
         Chi-square that an effect must explain beyond the expected null gain, beside the others, to
         keep its name.
     further : float
         Chi-square that a further effect must explain, beyond the expected null gain, beside one
-        that is named already: the shape of the first is never known quite.
+        that is already named, because the shape of the first is never known exactly.
     further_event : float
         Chi-square that a further event must explain.
     alpha_rest : float
         False-alarm rate for declaring the remainder unexplained.
     alias : float
-        Effects whose gain (beyond the expected null gain) is within this of the best cannot be
-        told from it. Two effects that truly differ by this in expectation are taken for each
-        other in about one case in 700.
+        Effects with a gain (beyond the expected null gain) within this of the best cannot be
+        separated from it. Two effects with this expected difference are confused in about one case
+        in 700.
     share : float
-        Share of the excess that the named effects must explain for their names to stand.
+        Share of the excess that the named effects must explain.
     flexible : float
         Chi-square that a flexible form must gain, beyond twice its further parameters.
     relative : float
@@ -41,11 +41,11 @@ class Rules:
     most : int
         Effects named at most.
     over_wander : float
-        Twice the log of how much likelier the events named must be than a smooth wander in their
-        place: ten times.
+        Twice the log-likelihood ratio by which the named events must exceed a smooth wander: a
+        factor of ten.
     pairs : bool
-        Whether two effects at once are tried before one is named: where many follow the same
-        input, as over temperature, two may half cancel.
+        True to try two effects at once before one is named. If many effects follow the same input,
+        such as temperature, two may half cancel.
     """
 
     alpha: float = 0.002
@@ -65,7 +65,7 @@ class Rules:
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """An effect put into the model at its nonlinear parameters, or in its flexible form."""
+    """An effect in the model at given nonlinear parameters, or in its flexible form."""
 
     name: str
     theta: Theta
@@ -73,7 +73,7 @@ class Choice:
 
 
 class Source(Protocol):
-    """A measurement that gives the engine's problem of its model with some effects added."""
+    """A measurement that provides the search problem of its model with some effects added."""
 
     def problem(self, chosen: Sequence[Choice], noise: NoiseModel) -> Problem:
         """Return the problem of the enlarged model, refitted under a noise."""

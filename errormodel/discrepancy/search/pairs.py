@@ -1,7 +1,7 @@
-"""Two effects at once: what takes one from the other is seen only when both are tried together.
+"""Two effects at once, for effects that partly cancel each other.
 
-Two effects that half cancel leave a residual that a third follows better than either of them does,
-and a search that adds one effect after another begins with the third.
+If two effects half cancel, a third effect may fit the residual better than either of them alone. A
+search that adds one effect after another then begins with the third.
 """
 
 from collections.abc import Sequence
@@ -15,22 +15,22 @@ from errormodel.discrepancy.problem import Candidate, Signature, columns_of
 from errormodel.discrepancy.scan import View
 from errormodel.discrepancy.search.choices import Choice
 
-# Of an effect whose nonlinear parameter has many points, so many are tried; a refit does the rest.
+# Number of grid points tried for an effect with many points; a refit follows.
 POINTS = 9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Tried:
-    """An effect at one point of its grid: where its basis stands among all."""
+    """An effect at one grid point, and the position of its basis among all bases."""
 
     choice: Choice
     at: slice
 
 
 def best_pair(view: View, candidates: Sequence[Candidate]) -> tuple[Choice, Choice] | None:
-    """Return the two effects that explain most together, the one first that explains more alone.
+    """Return the two effects that explain most together; first the one that explains more alone.
 
-    An effect that changes an input counts by what it does at a point of its grid, of any size.
+    An effect that changes an input is represented by its response at a grid point, with free size.
 
     Parameters
     ----------

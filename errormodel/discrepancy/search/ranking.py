@@ -1,4 +1,4 @@
-"""Candidates in the order of what they explain beyond the expected null gain."""
+"""Candidates ordered by their gain beyond the expected null gain."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -17,9 +17,8 @@ TIE = 2.0
 class Ranked:
     """A candidate at its best.
 
-    `score` is its gain beyond the expected null gain: what an effect with more parameters gains by
-    chance does not count for it. `p_value` is over the whole library; `flexible` tells that the
-    flexible form stands for the effect.
+    `score` is its gain beyond the expected null gain, so more parameters give no advantage by
+    chance. `p_value` is over the whole library; `flexible` is True if the flexible form is used.
     """
 
     found: Found
@@ -34,7 +33,7 @@ def residual_of(view: View) -> FloatArray:
 
 
 def chi_square(view: View) -> float:
-    """Return the whitened sum of squares that the baseline leaves."""
+    """Return the whitened sum of squares of the residual of the baseline."""
     rest = residual_of(view)
     return float(rest @ rest)
 
@@ -46,7 +45,7 @@ def gain_of(view: View, one: Found) -> float:
 
 
 def parameter_count(candidate: Candidate) -> int:
-    """Return how many parameters an effect has, nonlinear ones too."""
+    """Return the number of parameters of an effect, including nonlinear ones."""
     signature: Signature = candidate.grid_signatures[0]
     return signature.columns.shape[1] + len(candidate.grid[0])
 
@@ -88,7 +87,7 @@ def beside_own_noise(state: SearchState, view: View, steady: Sequence[Ranked]) -
 
 
 def lasting(view: View, ranked: list[Ranked]) -> list[Ranked]:
-    """Return what may repeat, where one run is all there is and all are judged as events."""
+    """Return repeatable candidates for a single run, where all are tested as events."""
     if not all(c.event for c in view.problem.candidates):
         return ranked
     return [r for r in ranked if r.found.candidate.name not in view.problem.events]

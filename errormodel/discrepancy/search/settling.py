@@ -1,4 +1,4 @@
-"""The steps that hold every effect found against its rivals, once all have entered."""
+"""The steps that compare every effect with its rivals, after all have been added."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -23,13 +23,13 @@ from errormodel.discrepancy.search.ranking import (
 from errormodel.discrepancy.search.state import SearchState, Slot
 from errormodel.discrepancy.wander import over_wander
 
-ROUNDS = 2  # through all slots, while a rival takes the place of an effect
+ROUNDS = 2  # passes through all slots, while a rival replaces an effect
 # A rival's flexible form is tried where its plain form explains this share of the best.
 NEAR = 0.5
 
 
 def settle_slots(state: SearchState) -> SearchState:
-    """Try the whole library in the place of every effect; drop what no longer stands."""
+    """Try the whole library in place of every effect; remove effects that no longer qualify."""
     slots: list[Slot] = []
     for _ in range(ROUNDS):
         slots, moved = [], False
@@ -66,7 +66,7 @@ def measure_gain(state: SearchState) -> SearchState:
 
 
 def compare_with_wander(state: SearchState) -> SearchState:
-    """Measure how much likelier the events found are than a smooth wander in their place."""
+    """Compute the likelihood ratio of the named events to a smooth wander."""
     passing = state.problem(()).events
     events = [c for c in state.found if c.name in passing]
     if not events or not state.shapes:
@@ -79,7 +79,7 @@ def compare_with_wander(state: SearchState) -> SearchState:
 
 
 def _slot(state: SearchState, others: Sequence[Choice], present: Choice) -> Slot | None:
-    """Return the effect that stands in the place of one, with its rivals; None if none does."""
+    """Return the best effect in a slot with its rivals; None if none qualifies."""
     view = state.view(others)
     if state.shapes and present.name in {c.name for c in events_of(view.problem)}:
         ranked = _rivals_of_event(state, view, present)
@@ -88,7 +88,7 @@ def _slot(state: SearchState, others: Sequence[Choice], present: Choice) -> Slot
     ranked = simplest_first(ranked)
     first, best = ranked[0], ranked[0].found
     name, event = best.candidate.name, best.candidate.event
-    # an event was judged when it entered; the noise has since been estimated beside it
+    # an event was tested when it entered; the noise has since been estimated with it
     entered = state.p_at_entry.get(name, state.p_at_entry.get(present.name, 1.0))
     p_value = entered if event else first.p_value
     stands_as_it_entered = event and not others
@@ -113,7 +113,7 @@ def _slot(state: SearchState, others: Sequence[Choice], present: Choice) -> Slot
 def _rivals_of_event(state: SearchState, view: View, present: Choice) -> list[Ranked]:
     """Return the library in the place of an event, the best first.
 
-    A noise estimated beside one event favours that one: each is given its own.
+    A noise estimated with one event favours that event, so each gets its own noise.
     """
     steady = [r for r in ranked_by_gain(state, view) if not r.found.candidate.event]
     ranked = [*ranked_events(state, view), *beside_own_noise(state, view, steady)]
@@ -126,10 +126,10 @@ def _rivals_of_event(state: SearchState, view: View, present: Choice) -> list[Ra
 
 
 def _rivals_in_flexible_form(view: View, ranked: list[Ranked], present: Choice) -> list[Ranked]:
-    """Let the flexible form stand for an effect where it was chosen, and for every rival.
+    """Use the flexible form for an effect if it was selected, and for every rival.
 
-    A rival is told from an effect only when its flexible form is. One whose plain form explains
-    less than half as much is none.
+    A rival counts as separated only if its flexible form is. An effect whose plain form explains
+    less than half as much is not a rival.
     """
     near = NEAR * max(r.score for r in ranked)
 
@@ -143,7 +143,7 @@ def _rivals_in_flexible_form(view: View, ranked: list[Ranked], present: Choice) 
 
 
 def _in_flexible_form(view: View, plain: Ranked) -> Ranked:
-    """Return an effect in its flexible form, which pays for its further parameters."""
+    """Return an effect in its flexible form, with a penalty for its further parameters."""
     candidate = plain.found.candidate
     if candidate.flexible is None:
         return plain

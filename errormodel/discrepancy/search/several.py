@@ -1,10 +1,10 @@
 """Several terms of the present model's own equation missing at once.
 
-One cause of many parameters imitates several terms that are missing together better than any of
-them does alone, so a search that adds one effect after another begins with the wrong one. So the
-search is made twice, from the present model and from the present model with the terms of its
-equation that the data call for jointly, and the explanation that is likelier stands, each effect at
-its price.
+A cause with many parameters can imitate several missing terms better than any single one of them,
+so a search that adds one effect after another would begin with the wrong one. The search is
+therefore made twice: from the present model, and from the present model plus the terms of its
+equation that are jointly significant. The likelier explanation is kept, with a penalty for each
+effect.
 """
 
 from collections.abc import Sequence
@@ -24,8 +24,8 @@ from errormodel.linear import independent
 def search_all(task: SearchTask) -> SearchState:
     """Search from the present model and from its equation's block, and return the likelier.
 
-    Where neither is clearly likelier, the effects of the other join the alias sets of the one with
-    fewer effects: no name of it is bare.
+    If neither is clearly likelier, the effects of the other join the alias sets of the one with
+    fewer effects, so none of its effects is named alone.
     """
     alone = search(task)
     view = View(task.source.problem((), task.floor.noise), task.floor.noise)
@@ -46,7 +46,7 @@ def search_all(task: SearchTask) -> SearchState:
 
 
 def joint_block(view: View, least: float) -> tuple[Choice, ...]:
-    """Return the effects of the equation that the data call for beside all others of it.
+    """Return the effects of the equation that are significant beside all its others.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ def _explained(view: View, bases: Sequence[FloatArray]) -> float:
 
 
 def _price(result: SearchState) -> float:
-    """Return the chi-square left under the first noise, with what parameters and names cost."""
+    """Return the remaining chi-square with the penalties of parameters and names."""
     task = result.task
     noise, choices = task.floor.noise, result.found
     left = chi_square(View(task.source.problem(choices, noise), noise))
@@ -93,7 +93,7 @@ def _price(result: SearchState) -> float:
 
 
 def _without_bare_names(alone: SearchState, together: SearchState) -> SearchState:
-    """Return a result whose names are no likelier than those of another: they become alias sets."""
+    """Return a result in which equally likely names of another become alias sets."""
     own = {c.name for c in alone.found}
     kept = {c.name for c in together.found}
     others = tuple(c.name for c in together.found if c.name not in own)

@@ -1,5 +1,6 @@
 """The state of a search: an immutable value that each step takes and returns."""
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
@@ -26,9 +27,10 @@ class Slot:
     p_value : float
         Its p-value over the library.
     rivals : tuple of (str, float)
-        Every other effect with how far its score lies below, nearest first.
+        Every other effect with its difference in score, nearest first.
     alias : tuple of str
-        The names that cannot be told apart, the best first; one name alone: it is named.
+        The names that cannot be separated, the best first; with a single entry, the effect is
+        named.
     """
 
     choice: Choice
@@ -36,6 +38,23 @@ class Slot:
     p_value: float
     rivals: tuple[tuple[str, float], ...]
     alias: tuple[str, ...]
+
+    @property
+    def weights(self) -> Mapping[str, float]:
+        """Posterior weight of the effect and of each rival, alike beforehand; they add up to one.
+
+        A score is twice the log-likelihood beyond what chance gives, so that a rival which lies b
+        below the best is exp(−b/2) times as probable.
+        """
+        odds = {self.choice.name: 1.0} | {n: math.exp(-0.5 * b) for n, b in self.rivals}
+        total = sum(odds.values())
+        return {name: value / total for name, value in odds.items()}
+
+    @property
+    def weight(self) -> float:
+        """Posterior weight of what is said of it: of the name, or of its alias set."""
+        said = {self.choice.name, *self.alias}
+        return sum(w for name, w in self.weights.items() if name in said)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -72,23 +91,24 @@ class SearchState:
     ----------
     task : SearchTask
     floor, nulls : NoiseFit, NullDistributions
-        Under which the next step judges: estimated anew beside an event that has entered.
+        Noise and nulls for the next step; estimated again with an event that has entered.
     shapes : tuple of NoiseModel
-        Noises of unit white sigma that events are judged beside.
+        Noise shapes of unit white sigma for the tests of events.
     chosen : tuple of Choice
         Effects that have entered.
     complete : bool
         No further effect enters.
     p_at_entry : mapping of str to float
-        p-value of each effect when it entered: the noise is estimated beside an event afterwards.
+        p-value of each effect when it was added; afterwards the noise is estimated together with an
+        event.
     pairs_instead : mapping of str to tuple of str
-        Two effects that explain more than the one named, not enough to take its place.
+        Two effects that explain more than the named one, but not enough to replace it.
     slots : tuple of Slot
         The effects found, each with its rivals beside all others.
     explained : float
         Chi-square that the effects found explain together.
     over_wander : float
-        Twice the log-likelihood of the events found, less that of a smooth wander in their place.
+        Twice the log-likelihood of the named events minus that of a smooth wander.
     started : tuple of str
         Effects found that the search began with: terms of the present model's own equation, which
         it lacked at once.

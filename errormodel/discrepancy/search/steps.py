@@ -28,32 +28,32 @@ class Step:
     thresholds: tuple[str, ...] = ()
 
 
-# What is gone through until no further effect enters, at most `Rules.most` times.
+# Steps that are repeated until no further effect enters, at most `Rules.most` times.
 ROUND = (
     Step(
-        "the likeliest effect enters",
+        "the likeliest effect is added",
         enter_likeliest,
         ("alpha", "alpha_event", "further", "further_event", "relative"),
     ),
     Step("its flexible form is tried", take_flexible_form, ("flexible",)),
-    Step("the noise is estimated beside an event", renew_noise_beside_event),
+    Step("the noise is estimated together with an event", renew_noise_beside_event),
     Step(
-        "two effects are tried in the place of the first",
+        "two effects are tried in place of the first",
         take_pair_instead,
         ("pairs", "further", "least", "relative"),
     ),
 )
-# What is gone through once all have entered.
+# Steps after all effects have entered.
 CLOSE = (
-    Step("every slot is tried again", settle_slots, ("least", "alpha", "alias")),
-    Step("without effects, the present model's noise stands", forget_noise_without_effects),
-    Step("what they explain together", measure_gain),
-    Step("events against a smooth wander", compare_with_wander),
+    Step("every effect is compared with its rivals", settle_slots, ("least", "alpha", "alias")),
+    Step("without effects, the noise of the present model is kept", forget_noise_without_effects),
+    Step("their joint explanation is computed", measure_gain),
+    Step("events are compared with a smooth wander", compare_with_wander),
 )
 
 
 def choose_effects(task: SearchTask) -> tuple[Choice, ...]:
-    """Return the effects that enter, without holding them against their rivals."""
+    """Return the effects that enter, without comparing them with their rivals."""
     return _added(task).chosen
 
 
@@ -67,7 +67,7 @@ def search(task: SearchTask) -> SearchState:
     Returns
     -------
     SearchState
-        The last: what was found, under which noise.
+        The last state: the named effects and the noise.
     """
     state = _added(task)
     for step in CLOSE:

@@ -39,7 +39,7 @@ def test_a_detached_terminal_takes_text_though_it_stands_still(monkeypatch):
         assert worker is terminal.worker
         seen = wait_for(made, b"line 2999")
     # the oldest were dropped, and it is said how many, where they would stand
-    told = re.findall(rb"the terminal stood still; not shown: (\d+) line", seen)
+    told = re.findall(rb"the terminal did not accept output; not shown: (\d+) line", seen)
     shown = [int(k) for k in re.findall(rb"line (\d+)\r", seen)]
     assert 0 < sum(map(int, told)) == 3000 - len(shown)
     assert shown[-MOST["line"] :] == list(range(2000, 3000))

@@ -55,7 +55,7 @@ def test_a_kind_that_is_none_is_told_those_there_are():
 
 
 def test_what_is_not_toml_is_told_what_it_should_be():
-    with pytest.raises(InputError, match="text stands in quotes"):
+    with pytest.raises(InputError, match="text must be in quotes"):
         parse_toml("unit = mA", "a.toml")
     with pytest.raises(InputError, match=r"expected a \.toml file"):
         parse_toml("a,b\n1,2", "run.csv")

@@ -74,7 +74,7 @@ def test_columns_in_blocks_are_whitened_as_when_they_stand_whole(name: str) -> N
 
 
 def test_a_walk_that_goes_on_between_runs_needs_the_whole_time_base() -> None:
-    with pytest.raises(ValueError, match="time base of the whole"):
+    with pytest.raises(ValueError, match="needs a common time base"):
         SHAPES["walk that goes on"].block_whitener(1)
 
 

@@ -13,9 +13,9 @@ from errormodel.statistics.variance import (
     RandomFactor,
     VarianceFit,
     bartlett_factor,
-    degrees_of_freedom,
     fit_components,
 )
+from errormodel.statistics.variance_design import stratum_degrees_of_freedom
 
 SIGMAS = {
     "accelerometer": 20.0,
@@ -174,7 +174,7 @@ def test_very_different_components_are_found() -> None:
 
 def test_degrees_of_freedom_are_those_of_the_strata() -> None:
     _, factors = simulated(np.random.default_rng(0), 3, 5)
-    assert degrees_of_freedom(factors, 120) == (2, 12, 3, 12, 9, 81)
+    assert stratum_degrees_of_freedom(factors, 120) == (2, 12, 3, 12, 9, 81)
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sinscal.article.tables import BEST, LITERAL, ArticleAnalysis, best_reading, readings
+from sinscal.article.tables import BEST, LITERAL, ArticleAnalysis, article_readings, best_reading
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +38,7 @@ def test_any_one_choice_changed_is_worse(analysis: ArticleAnalysis) -> None:
         replace(BEST, base="free"),
         replace(BEST, remounted=True),
     ]
-    assert set(others) <= set(readings())
+    assert set(others) <= set(article_readings())
     assert min(analysis.tables(reading).rms_log for reading in others) > best
 
 

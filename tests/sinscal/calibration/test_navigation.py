@@ -8,7 +8,7 @@ import pytest
 from scipy.stats import chi2
 
 from errormodel.errors import InputError
-from sinscal.article.experiment import GROUP_SIGMAS, NOISE, Experiment, navigation_experiment
+from sinscal.article.experiment import GROUP_SIGMAS, NOISE, ArticleExperiment, navigation_experiment
 from sinscal.calibration.nav_filter import NavFilter, NavNoise
 from sinscal.calibration.nav_outputs import nav_cycle
 from sinscal.calibration.navigation import NavCalibration, calibrate_navigation
@@ -44,7 +44,7 @@ def check_chi2(found: Sequence[tuple[NavCalibration, np.ndarray]]) -> None:
     assert 0.001 < chi2.sf(total, sum(true.size for _, true in found)) < 0.999
 
 
-def check_many(done: Sequence[Experiment]) -> None:
+def check_many(done: Sequence[ArticleExperiment]) -> None:
     check_chi2([(d.calibration, d.true_values) for d in done])
     nis = np.concatenate([squares(d.calibration) for d in done])
     assert abs(float(np.mean(nis)) - 1.0) < 3.3 * np.sqrt(2.0 / nis.size)

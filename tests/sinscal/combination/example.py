@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from errormodel.fit import expected_covariance
+from errormodel.covariance import expected_covariance
 from errormodel.noise.model import NoiseModel
 from errormodel.record import Record
 from sinscal.frames.earth import ARCSEC, DEG_PER_H
@@ -18,7 +18,7 @@ from sinscal.model.chamber import (
     combined_prior,
     combined_sensors,
 )
-from sinscal.model.sensors import Motion
+from sinscal.model.motion import Motion
 from sinscal.recording.run import RigRun
 from sinscal.twin.motion import RigFaults, rig_motion
 from sinscal.twin.programme import there_and_back

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from sinscal.combination.combine import Combination, combine, joined
+from sinscal.combination.combine import Combination, combine, combine_and_compare
 from sinscal.library import BASIC
 from sinscal.model.priors import PriorFile
 from tests.sinscal.combination.example import CombinedTwin, make_combined_twin
@@ -109,8 +109,8 @@ def test_priors_of_the_rig_are_taken() -> None:
 def test_a_change_since_the_chamber_contradicts_unless_it_was_allowed_for() -> None:
     changed = {"k0": 50e-6, "k1": 30e-6}
     twin = make_combined_twin(5, hz=HZ, turn_on=changed)
-    _, untold = joined(twin.run, twin.chambers)
-    assert "no exchange of serial numbers and no thermistor offset" in untold.contradictions[0]
+    _, untold = combine_and_compare(twin.run, twin.chambers)
+    assert "neither exchanged serial numbers nor a thermistor offset" in untold.contradictions[0]
     told = combine(twin.run, twin.chambers, turn_on=changed)
     assert told.test.contradictions == ()
     assert_consistent([(twin, told)])
@@ -146,12 +146,12 @@ def test_swaps_and_thermistor_offsets_are_reported_over_ten_seeds() -> None:
     for seed in range(150, 160):
         twin = make_combined_twin(seed, cycle_s=LONG_S, hz=HZ)
         run, (x, y, z) = twin.run, twin.chambers
-        swapped = joined(run, (x, z, y))[1].contradictions
+        swapped = combine_and_compare(run, (x, z, y))[1].contradictions
         assert f"{y.serial} is on y, not on z" in swapped[0], swapped
         assert run.temp_c is not None
         axis = seed % 3
         warmer = replace(run, temp_c=run.temp_c + 3.0 * np.eye(3)[axis])
-        told = joined(warmer, twin.chambers)[1].contradictions
+        told = combine_and_compare(warmer, twin.chambers)[1].contradictions
         assert f"the thermistor of {'xyz'[axis]} reads" in told[0], told
 
 

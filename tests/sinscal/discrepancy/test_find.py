@@ -52,6 +52,7 @@ def test_a_hidden_effect_is_named_and_sized(name: str) -> None:
         assert found.rms_after[channel] < 1.13 * floor, channel
 
 
+@pytest.mark.slow  # measured where it is not stated: below
 def test_noise_stated_wrongly_is_measured_and_hides_nothing() -> None:
     right, found = found_in("lever_arm"), found_in("lever_arm", stated=(1.4, 0.7, 0.7))
     assert [e.effect.name for e in found.effects] == ["lever_arm"]

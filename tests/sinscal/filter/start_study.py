@@ -4,7 +4,7 @@
 
 Errors are drawn at ten times the default priors (gyro misalignments of 30′, scale errors of 1 %,
 0.2 m/s² of accelerometer bias), the priors are told so, and the noise is that of the grade. A MEMS
-gyro's bias is 0.1 °/s. A run counts when the iteration came to rest and χ² of all parameters is one
+gyro's bias is 0.1 °/s. A run counts when the iteration converged and χ² of all parameters is one
 that a right calibration exceeds in one of 10⁵ runs.
 """
 

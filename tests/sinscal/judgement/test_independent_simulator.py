@@ -16,7 +16,8 @@ from scipy.stats import chi2
 from sinscal.calibration.rig import RigCalibration
 from sinscal.discrepancy.find import find_rig_discrepancy
 from sinscal.frames.earth import DEG_PER_H, Site
-from sinscal.judgement.judge import Options, calibrate_and_judge
+from sinscal.judgement.options import Options
+from sinscal.judgement.procedure import calibrate_and_judge
 from sinscal.model.priors import make_prior
 from sinscal.model.sensors import sensor_model
 from sinscal.recording.run import RigFacts, RigRun

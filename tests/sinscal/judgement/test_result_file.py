@@ -8,7 +8,8 @@ import pytest
 
 from errormodel.errors import InputError
 from sinscal.frames.earth import Site
-from sinscal.judgement.judge import Options, calibrate_and_judge
+from sinscal.judgement.options import Options
+from sinscal.judgement.procedure import calibrate_and_judge
 from sinscal.judgement.result_file import dump_result, make_result, read_result
 from sinscal.library import BASIC
 from sinscal.model.compensate import compensate_run

@@ -34,7 +34,7 @@ def test_every_effect_of_the_library_is_expected_to_have_some_size() -> None:
 
 
 def test_a_name_of_no_group_has_no_prior_instead_of_none_at_all() -> None:
-    with pytest.raises(KeyError, match="gyro_wobble_x belongs to no group"):
+    with pytest.raises(KeyError, match="gyro_wobble_x is not in a group"):
         rig_library().parameter("gyro_wobble_x")
 
 

@@ -18,10 +18,12 @@ import numpy as np
 from errormodel.arrays import FloatArray
 from sinscal.frames.attitude import rotation
 from sinscal.frames.earth import DEG_PER_H, Site
-from sinscal.judgement.judge import Options, calibrate_and_judge
+from sinscal.judgement.options import Options
+from sinscal.judgement.procedure import calibrate_and_judge
 from sinscal.library import BASIC
+from sinscal.model.motion import Motion
 from sinscal.model.priors import make_prior
-from sinscal.model.sensors import Motion, sensor_model
+from sinscal.model.sensors import sensor_model
 from sinscal.recording.check import checked_rig
 from sinscal.recording.run import RigFacts, RigRun
 from sinscal.twin.motion import platform_at_zero

@@ -9,7 +9,8 @@ import pytest
 from scipy.stats import chi2
 
 from errormodel.errors import InputError
-from sinscal.judgement.judge import Options, calibrate_and_judge
+from sinscal.judgement.options import Options
+from sinscal.judgement.procedure import calibrate_and_judge
 from sinscal.recording.files import read_rig_run, write_rig_run
 from tests.sinscal.twin import Twin, make_twin
 
@@ -83,7 +84,7 @@ def test_without_repair_one_wild_reading_spoils_the_calibration(twin: Twin, tmp_
     ("columns", "value", "words"),
     [
         (SENSORS, 0.0, "zeros in all of a triad's cells; so are 1.2% of the cycle's rows"),
-        (["gyro_x"], 5.0, "a reading that stands alone; so are 1.2% of the cycle's rows"),
+        (["gyro_x"], 5.0, "an isolated reading; so are 1.2% of the cycle's rows"),
     ],
 )
 def test_a_run_with_many_of_them_is_refused(

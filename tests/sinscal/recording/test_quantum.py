@@ -10,7 +10,9 @@ from scipy.stats import chi2
 from errormodel.errors import InputError
 from sinscal.calibration.noise import accel_density, gyro_density
 from sinscal.frames.earth import ARCSEC, DEG_PER_H
-from sinscal.judgement.judge import Judged, Options, calibrate_and_judge
+from sinscal.judgement.judge import Judged
+from sinscal.judgement.options import Options
+from sinscal.judgement.procedure import calibrate_and_judge
 from sinscal.recording.files import read_rig_run, write_rig_run
 from sinscal.recording.run import Quantum, RigRun
 from sinscal.twin.simulate import SensorNoise

@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 
 from tests.thermo.examples import ou
+from thermo.library import thermal_library
 from thermo.planning.default_station import default_station
 from thermo.planning.plan import make_plan
 from thermo.planning.sequence import Sequence
@@ -14,6 +15,12 @@ from thermo.recording.files import RecordedRuns, make_runs
 
 PERIOD_S, DWELL = 10.0, 60
 NOMINAL = 1.3
+# what repeats and follows position, temperature or direction: a search in a second
+QUICK = tuple(
+    e
+    for e in thermal_library().effects
+    if not e.event and e.name not in ("thermal_lag", "warm_up", "scale_hysteresis")
+)
 
 
 def profile(rate: float) -> tuple[np.ndarray, np.ndarray]:

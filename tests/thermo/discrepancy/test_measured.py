@@ -1,13 +1,17 @@
 """A measured thermal loop, made by others: what is missing from a cubic is thermal history."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
 
+from tests.thermo.discrepancy.examples import QUICK
 from thermo.discrepancy.find import find_discrepancy
 from thermo.fitting.fit import TermsFile
+from thermo.library import thermal_library
+from thermo.library.effects import ThermalEffect
 from thermo.recording.files import RecordedRuns
-from thermo.recording.foreign import import_log
+from thermo.recording.foreign.read import import_log
 
 ROOT = Path(__file__).parents[3]
 LOG = ROOT.parent / "shared/data/imu_thermal_loop/imu_raw_data.csv"
@@ -23,9 +27,23 @@ def measured_loop() -> RecordedRuns:
     return import_log(LOG, ROOT / "examples/maps/imu_thermal_loop.toml")
 
 
-def test_the_loop_of_every_axis_is_thermal_history_and_not_a_higher_order() -> None:
+FEW = [e for e in thermal_library().effects if e in QUICK or e.name in HISTORY]
+
+
+@pytest.mark.parametrize(
+    ("serials", "effects"),
+    [(("x",), FEW), pytest.param(("x", "y", "z"), None, marks=pytest.mark.slow)],
+    ids=["one axis", "all"],
+)
+def test_the_loop_of_every_axis_is_thermal_history_and_not_a_higher_order(
+    serials: tuple[str, ...], effects: Sequence[ThermalEffect] | None
+) -> None:
     cubic = TermsFile(terms=("k0", "k0_t1", "k0_t2", "k0_t3"))
-    for d in find_discrepancy(measured_loop(), model=cubic, draws=100):
+    whole = measured_loop()
+    runs = whole if len(serials) == 3 else whole.select(*serials)
+    found = find_discrepancy(runs, model=cubic, effects=effects, draws=100)
+    assert tuple(d.serial for d in found) == serials
+    for d in found:
         assert d.verdict in ("named", "alias")
         told = {e.name for e in d.effects} | {n for s in d.alias_sets for n in s}
         assert told <= HISTORY

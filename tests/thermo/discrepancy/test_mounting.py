@@ -9,7 +9,7 @@ from tests.thermo.discrepancy.examples import carried_out, hidden_runs
 from thermo.discrepancy.baseline import bare_baseline
 from thermo.discrepancy.experiment import Experiment, propose_separation
 from thermo.discrepancy.find import find_discrepancy
-from thermo.discrepancy.source import ThermalSource
+from thermo.discrepancy.problem.source import ThermalSource
 from thermo.recording.channel import channel_of
 from thermo.recording.files import join_runs
 from thermo.selection.orders import mounted

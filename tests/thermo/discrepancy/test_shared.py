@@ -6,19 +6,12 @@ from typing import Literal
 import pandas as pd
 import pytest
 
-from tests.thermo.discrepancy.examples import hidden_runs, recorded
+from tests.thermo.discrepancy.examples import QUICK, hidden_runs, recorded
 from thermo.discrepancy.find import Discrepancy, find_discrepancy
 from thermo.discrepancy.shared import SharedEffect
-from thermo.library import thermal_library
 from thermo.recording.files import RecordedRuns
 
 FEWER = 80  # simulated nulls: the effects here are far beyond luck
-# what repeats and follows position or direction: quick to search, and all that is asked about here
-QUICK = [
-    e
-    for e in thermal_library().effects
-    if not e.event and e.name not in ("thermal_lag", "warm_up", "scale_hysteresis")
-]
 EQUATION = {"k2": 17.0, "cross": 310.0, "k3": -9.0, "order": 60.0}
 
 

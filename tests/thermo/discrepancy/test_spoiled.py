@@ -8,15 +8,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from tests.thermo.discrepancy.examples import NOMINAL, hidden_runs
+from tests.thermo.discrepancy.examples import NOMINAL, QUICK, hidden_runs
 from thermo.discrepancy.find import find_discrepancy
-from thermo.library import thermal_library
 from thermo.library.effects import ThermalEffect
 from thermo.recording.files import read_runs, write_runs
 
-QUICK = [
-    e for e in thermal_library().effects if not e.event and e.name != "thermal_lag"
-]  # a search in seconds
 Spoil = Callable[[pd.DataFrame, np.random.Generator, np.ndarray], None]
 SHARE = 0.01
 FEWER = 80  # simulated nulls: the effect is far beyond luck
@@ -75,12 +71,14 @@ def spoiled(hidden: str, kind: str, seed: int) -> pd.DataFrame:
     return frame
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(
+    "kind", ["burst", *(pytest.param(k, marks=pytest.mark.slow) for k in KINDS if k != "burst")]
+)
 def test_spoiled_rows_hide_no_effect(kind: str, tmp_path: Path) -> None:
     assert verdict(spoiled("loop", kind, 1), tmp_path, QUICK) == ("named", ["bias_hysteresis"], [])
 
 
-@pytest.mark.parametrize("kind", ["warm", "burst"])
+@pytest.mark.parametrize("kind", ["warm", pytest.param("burst", marks=pytest.mark.slow)])
 def test_spoiled_rows_make_no_effect(kind: str, tmp_path: Path) -> None:
     assert verdict(spoiled("", kind, 2), tmp_path, QUICK) == ("nothing", [], [])
 

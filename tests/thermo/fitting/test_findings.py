@@ -60,7 +60,7 @@ def test_the_sign_is_told():
 def test_one_run_cannot_tell_history_from_drift():
     loop = find_loop(fitted((40.0,)))
     assert (loop.stands_out, loop.repeats) == (True, None)
-    assert "a single run cannot tell" in loop.sentence
+    assert "a single run cannot separate" in loop.sentence
 
 
 def test_loops_of_different_sign_are_no_thermal_history():

@@ -9,16 +9,16 @@ from tests.thermo.examples import TRUTH, recorded, runs_of, simulate_run
 from thermo.compensation.model_file import reported
 from thermo.fitting.fit import TermsFile, fit_runs, read_terms
 
-SEEDS = 50
 WHITE_AND_DRIFT_UG = float(np.hypot(5.0, 3.0))
 
 
+@pytest.mark.parametrize("seeds", [8, pytest.param(50, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("drift_ug", [0.0, 3.0], ids=["white", "drift"])
-def test_coefficients_and_held_out_runs_over_many_seeds(drift_ug: float) -> None:
+def test_coefficients_and_held_out_runs_over_many_seeds(drift_ug: float, seeds: int) -> None:
     """True coefficients inside the stated sigmas; a run not fitted is predicted to the noise."""
     terms = TermsFile(terms=tuple(TRUTH))
     total, heldout = 0.0, []
-    for seed in range(SEEDS):
+    for seed in range(seeds):
         (one,) = fit_runs(runs_of(seed, drift_ug=drift_ug), terms=terms, holdout=("3",))
         found = reported(one.fit, 1.3, "mA")
         error = np.array([found[n]["value"] - TRUTH[n] for n in one.fit.names])
@@ -29,8 +29,8 @@ def test_coefficients_and_held_out_runs_over_many_seeds(drift_ug: float) -> None
         heldout.append(one.heldout.rms_ug)
     # never too sure; these runs do not differ at all, which so few cannot prove, so the sigmas are
     # wider than the scatter: by less than 1.5 times
-    assert stats.chi2.sf(total, SEEDS * len(TRUTH)) > 0.001
-    assert total / (SEEDS * len(TRUTH)) > 1.5**-2
+    assert stats.chi2.sf(total, seeds * len(TRUTH)) > 0.001
+    assert total / (seeds * len(TRUTH)) > 1.5**-2
     assert np.sqrt(np.mean(np.square(heldout))) <= 1.05 * np.hypot(5.0, drift_ug)
 
 
@@ -154,10 +154,11 @@ def test_a_terms_file_is_checked(tmp_path) -> None:
         read_terms(path)
 
 
-def test_coefficients_are_true_when_the_data_chose_the_model_too() -> None:
+@pytest.mark.parametrize("seeds", [2, pytest.param(12, marks=pytest.mark.slow)])
+def test_coefficients_are_true_when_the_data_chose_the_model_too(seeds: int) -> None:
     """The whole default fit, orders included: nothing below a reading's noise is left behind."""
     total, unknowns = 0.0, 0
-    for seed in range(100, 112):
+    for seed in range(100, 100 + seeds):
         (one,) = fit_runs(runs_of(seed, drift_ug=0.0))
         found = reported(one.fit, 1.3, "mA")
         z = [(found[n]["value"] - TRUTH.get(n, 0.0)) / found[n]["sigma"] for n in one.fit.names]
@@ -177,11 +178,12 @@ def flicker(rng: np.random.Generator, n: int) -> np.ndarray:
     return noise / np.std(noise)
 
 
+@pytest.mark.parametrize("seeds", [4, pytest.param(20, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("kind", ["random walk", "flicker"])
-def test_sigmas_hold_for_drift_of_another_family_than_assumed(kind: str) -> None:
+def test_sigmas_hold_for_drift_of_another_family_than_assumed(kind: str, seeds: int) -> None:
     """4 µg of random walk over the run, or 2 µg of 1/f noise: neither is Ornstein-Uhlenbeck."""
     terms = TermsFile(terms=tuple(TRUTH))
-    total, seeds = 0.0, 20
+    total = 0.0
     for seed in range(seeds):
         rng = np.random.default_rng(seed)
         frames = [simulate_run(rng, run=r, drift_ug=0.0) for r in "123"]

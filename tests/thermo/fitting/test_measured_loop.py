@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from thermo.fitting.fit import TermsFile, fit_runs
-from thermo.recording.foreign import import_log
+from thermo.recording.foreign.read import import_log
 
 ROOT = Path(__file__).parents[3]
 LOG = ROOT.parent / "shared/data/imu_thermal_loop/imu_raw_data.csv"

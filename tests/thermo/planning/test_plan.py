@@ -183,7 +183,9 @@ def test_time_outs_that_leave_a_silent_controller_alone_for_hours_are_refused(
 ) -> None:
     data = STATION.model_dump()
     data[section] |= changes
-    with pytest.raises(InputError, match=r"guardian\.margin_s: .* relieved after .* 1800 s exp"):
+    with pytest.raises(
+        InputError, match=r"guardian\.margin_s: .* the guardian would act only after .* 1800 s exp"
+    ):
         make_plan(parse_sequence(SHORT), StationConfig.model_validate(data), "seq.toml")
 
 

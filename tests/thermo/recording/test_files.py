@@ -1,48 +1,14 @@
 import datetime as dt
 import logging
 import time
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from errormodel.errors import InputError
-from thermo.recording.files import RecordedRuns, make_runs, read_runs, write_runs
-
-SIDECAR = 'output_unit = "mA"\ngravity_m_s2 = 9.80665\nnominal_scale = 1.25\n'
-HEADER = "run,serial,time_s,temp_c,position_deg,output\n"
-LINES = "1,A,0,20.5,0,0.001\n1,A,10,20.6,90,1.25\n1,B,0,20.1,0,0.002\n"
-
-
-def put(
-    folder: Path, text: str | bytes, name: str = "run.csv", sidecar: str | None = SIDECAR
-) -> Path:
-    path = folder / name
-    path.write_bytes(text if isinstance(text, bytes) else text.encode())
-    if sidecar is not None:
-        path.with_suffix(".toml").write_text(sidecar, encoding="utf-8")
-    return path
-
-
-def sample(runs: int = 2, rows: int = 50, **columns: object) -> RecordedRuns:
-    rng = np.random.default_rng(7)
-    n = 3 * runs * rows
-    frame = pd.DataFrame(
-        {
-            "run": np.repeat([f"r{i}" for i in range(runs)], 3 * rows),
-            "serial": np.tile(["A", "B", "C"], runs * rows),
-            "time_s": np.tile(np.repeat(10.0 * np.arange(rows), 3), runs)
-            + rng.uniform(0, 1, n) * 0.3,
-            "temp_c": rng.uniform(-40, 70, n),
-            "position_deg": rng.choice([0.0, 90.0, 180.0, 270.0], n),
-            "output": rng.standard_normal(n) * 1e-3 + 1 / 3,
-            **columns,
-        }
-    )
-    return make_runs(frame, output_unit="mA", gravity_m_s2=9.80665, nominal_scale=1.25)
+from tests.thermo.recording.sample_runs import HEADER, LINES, SIDECAR, put, sample
+from thermo.recording.files import read_runs, write_runs
 
 
 def test_reads_rows_and_sidecar(tmp_path):
@@ -199,109 +165,6 @@ def test_a_mounting_that_the_forces_deny_is_refused(tmp_path):
     assert "turned by 0.0°" in caught.value.problem
 
 
-@pytest.mark.parametrize("name", ["out.csv", "out.parquet"])
-def test_written_runs_come_back_bit_for_bit(tmp_path, name):
-    n = 300
-    flags = np.where(np.arange(n) % 7 == 0, "moving", "")
-    output = np.where(np.arange(n) % 14 == 0, np.nan, 0.1 + np.arange(n) * np.pi)
-    record = sample(flag=flags, output=output, chamber_c=np.linspace(-40, 70, n))
-    write_runs(record, tmp_path / name)
-    back = read_runs([tmp_path / name], checked=False)
-    pd.testing.assert_frame_equal(back.frame(), record.frame(), check_exact=True)
-    assert back.scales == record.scales
-    assert [back.digest(r) for r in back.run_ids] == [record.digest(r) for r in record.run_ids]
-    assert not back.good[::7].any()
-    assert sorted(p.name for p in tmp_path.iterdir()) == sorted([name, "out.toml"])
-
-
-@given(st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=1, max_size=20))
-def test_any_double_survives_csv(tmp_path_factory, values):
-    path = tmp_path_factory.mktemp("doubles") / "x.csv"
-    frame = pd.DataFrame(
-        {
-            "run": "1",
-            "serial": "A",
-            "time_s": np.arange(len(values)),
-            "temp_c": 20.0,
-            "output": values,
-        }
-    )
-    record = make_runs(frame, output_unit="V", gravity_m_s2=9.8, nominal_scale=-1e303)
-    write_runs(record, path)
-    assert read_runs([path], checked=False).output.tobytes() == np.array(values).tobytes()
-
-
-def test_awkward_names_survive(tmp_path):
-    names = ['a,b "c"', "ä / 7", "#1", "\\"]
-    frame = pd.DataFrame(
-        {"run": names, "serial": names, "time_s": 0.0, "temp_c": 20.0, "output": 1.0}
-    )
-    starts = {names[0]: dt.datetime(2026, 1, 2, tzinfo=dt.UTC), names[3]: dt.datetime(2026, 1, 3)}
-    record = make_runs(
-        frame, output_unit="g", gravity_m_s2=9.8, nominal_scale=1, run_start_utc=starts
-    )
-    write_runs(record, tmp_path / "n.csv")
-    back = read_runs([tmp_path / "n.csv"])
-    assert back.run_ids == tuple(names)
-    assert back.serials == tuple(names)
-    assert back.run_start_utc == {n: t.replace(tzinfo=dt.UTC) for n, t in starts.items()}
-
-
-def test_digest_changes_with_what_the_thermistors_may_be_wrong_by():
-    """It widens the sigmas of a fit; recordings that say nothing keep the digest they had."""
-    frame = pd.DataFrame(
-        {"run": "1", "serial": "A", "time_s": [0.0, 1.0], "temp_c": 25.0, "output": [1.0, 2.0]}
-    )
-    unit = {"output_unit": "mA", "gravity_m_s2": 9.80665, "nominal_scale": 1.3}
-    digests = [
-        make_runs(frame, **unit, **more).digest("1")
-        for more in ({}, {"temp_sigma_c": 0.1}, {"temp_gain_ppm": 0.1}, {"temp_sigma_c": 0.2})
-    ]
-    assert len(set(digests)) == 4
-    assert make_runs(frame, **unit, temp_sigma_c=0.0).digest("1") == digests[0]
-
-
-def test_digest_depends_on_content_only(tmp_path):
-    record = sample()
-    shuffled = record.take(np.argsort(record.serial.codes, kind="stable"))
-    renamed = make_runs(
-        record.frame().replace({"run": {"r0": "copy"}}),
-        output_unit="mA",
-        gravity_m_s2=9.80665,
-        nominal_scale=1.25,
-    )
-    assert shuffled.digest("r0") == record.digest("r0") == renamed.digest("copy")
-    assert record.digest("r0") != record.digest("r1")
-    frame = record.frame()
-    frame.loc[0, "output"] = np.nextafter(frame.loc[0, "output"], 1)
-    nudged = make_runs(frame, output_unit="mA", gravity_m_s2=9.80665, nominal_scale=1.25)
-    assert nudged.digest("r0") != record.digest("r0")
-    assert nudged.digest("r1") == record.digest("r1")
-
-
-def test_input_from_the_head_and_from_given_forces():
-    angles = np.array([0.0, 90.0, 180.0, 30.0])
-    base = {"run": "1", "serial": "A", "time_s": np.arange(4.0), "temp_c": 20.0, "output": 1.0}
-    scale = {"output_unit": "V", "gravity_m_s2": 9.8, "nominal_scale": 1.0}
-    turned = make_runs(pd.DataFrame({**base, "position_deg": angles}), **scale)
-    assert turned.has_input
-    expected = [[0, 1, 0], [1, 0, 0], [0, -1, 0], [0.5, np.sqrt(0.75), 0]]
-    np.testing.assert_allclose(
-        turned.specific_force_g, expected, atol=4e-16
-    )  # rounding of sin, cos
-    some = {**base, "position_deg": angles, "a_i_g": [np.nan, 0.3, 0.4, np.nan]}
-    mixed = make_runs(pd.DataFrame(some), **scale)
-    np.testing.assert_allclose(
-        mixed.specific_force_g, [[0, 1, 0], [0.3, 0, 0], [0.4, 0, 0], expected[3]], atol=4e-16
-    )
-    alone = make_runs(pd.DataFrame(base), **scale)
-    assert not alone.has_input
-    with pytest.raises(InputError, match="input unknown"):
-        _ = alone.specific_force_g
-    with pytest.raises(InputError, match="in part"):
-        make_runs(pd.DataFrame({**some, "a_o_g": [1.0, np.nan, 0, np.nan]}), **scale)
-
-
 def test_flags(tmp_path):
     text = HEADER.replace("\n", ",flag\n") + "".join(
         f"1,A,{i},20,0,{'' if flag == 'overload' else 1},{flag}\n"
@@ -321,57 +184,6 @@ def test_unknown_columns_are_ignored_aloud(tmp_path, caplog):
         record = read_runs([put(tmp_path, text)])
     assert "columns not used: note" in caplog.text
     assert record.digest("1") == read_runs([put(tmp_path, HEADER + LINES, "b.csv")]).digest("1")
-
-
-def test_files_are_joined(tmp_path):
-    first = put(tmp_path, HEADER + LINES)
-    later = put(tmp_path, HEADER + "1,A,20,20,0,1\n2,A,0,20,0,1\n", "later.csv")
-    record = read_runs([later, first])
-    assert sorted(record.run_ids) == ["1", "2"]
-    np.testing.assert_array_equal(record.select("A", ["1"]).time_s, [0, 10, 20])
-    volts = put(tmp_path, HEADER + "3,A,0,20,0,1\n", "volts.csv", SIDECAR.replace("mA", "V"))
-    mixed = read_runs([first, volts])
-    assert mixed.scale_of("3", "A").output_unit == "V"
-    assert mixed.select(runs=["3"]).output_unit == "V"
-    with pytest.raises(InputError, match="2 different output units"):
-        _ = mixed.nominal_scale
-    with pytest.raises(InputError, match="different output units"):
-        write_runs(mixed, tmp_path / "mixed.csv")
-    assert not (tmp_path / "mixed.csv").exists()
-
-
-def test_the_same_reading_in_two_files_is_refused(tmp_path):
-    first = put(tmp_path, HEADER + LINES)
-    again = put(tmp_path, HEADER + "1,A,10,20,0,1\n", "again.csv")
-    with pytest.raises(
-        InputError, match=r"again\.csv: run '1' serial 'A' time_s 10\.0 is in another"
-    ):
-        read_runs([first, again])
-    with pytest.raises(InputError, match="another file"):
-        read_runs([first, first])
-    volts = put(tmp_path, HEADER + "1,A,20,20,0,1\n", "v.csv", SIDECAR.replace("mA", "V"))
-    with pytest.raises(InputError, match="differ from those in another file"):
-        read_runs([first, volts])
-
-
-def test_nothing_can_be_changed():
-    record = sample()
-    with pytest.raises(ValueError, match="read-only"):
-        record.output[0] = 1
-    with pytest.raises(AttributeError):
-        record.time_s = record.temp_c  # type: ignore[misc]
-    with pytest.raises(TypeError):
-        record.scales[("r0", "A")] = None  # type: ignore[index]
-
-
-def test_select_names_what_there_is():
-    record = sample()
-    assert record.select("B", runs=["r1"]).run_ids == ("r1",)
-    assert len(record.select("B")) == 100
-    with pytest.raises(InputError, match="no serial 'Z'; expected one of A, B, C"):
-        record.select("Z")
-    with pytest.raises(InputError, match="no run 'x'"):
-        record.select(runs=["x"])
 
 
 def test_parquet_made_by_others(tmp_path):
@@ -432,14 +244,6 @@ def test_a_million_rows_in_seconds(tmp_path):
     (tmp_path / "big.csv").write_text("".join(text))
     with pytest.raises(InputError, match="line 900001"):
         read_runs([tmp_path / "big.csv"])
-
-
-def test_writing_refuses_before_it_touches(tmp_path):
-    with pytest.raises(InputError, match=r"expected a name ending in \.csv or \.parquet"):
-        write_runs(sample(), tmp_path / "x.xlsx")
-    with pytest.raises(InputError, match="cannot be written"):
-        write_runs(sample(), tmp_path / "nowhere" / "x.csv")
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_an_overload_that_an_instrument_reports_as_a_huge_number_may_stand_flagged(tmp_path):

@@ -81,7 +81,7 @@ def test_what_is_too_frequent_to_be_an_accident_is_told_and_kept(caplog):
     with caplog.at_level(logging.WARNING):
         record = flag_readings(recorded(frame))
     assert record.good.all()
-    assert "too many readings leave their neighbours" in caplog.text
+    assert "too many readings deviate from their neighbours" in caplog.text
 
 
 def test_without_positions_the_outputs_are_judged_over_temperature():

@@ -12,7 +12,7 @@ import pytest
 from accelbench.commands.fit.doubts import run_to_run_sentence
 from errormodel.errors import InputError
 from tests.thermo.fitting.strange_runs import NOMINAL, Setup, campaign
-from tests.thermo.uncertainty.test_doubts import STAGES, fitted, worst
+from tests.thermo.uncertainty.doubted import STAGES, fitted, worst
 from thermo.recording.files import RecordedRuns, make_runs, read_runs, write_runs
 from thermo.recording.readings_check import flag_readings
 from thermo.recording.units_check import unit_complaints
@@ -96,7 +96,7 @@ def test_a_head_that_still_moves_in_every_sixth_reading_is_refused_with_the_gues
     """It was fitted with a residual of 417 mg, without a word."""
     path: Path = tmp_path / "run.csv"
     write_runs(moving_head(every, 1.0), path)
-    with pytest.raises(InputError, match="was the head still moving there"):
+    with pytest.raises(InputError, match="was the head still moving"):
         read_runs([path])
     assert len(read_runs([path], trust_units=True)) == len(moving_head(every, 1.0))
 
@@ -105,7 +105,7 @@ def test_a_head_that_comes_to_rest_a_little_late_is_told(caplog):
     with caplog.at_level(logging.WARNING):
         record = flag_readings(moving_head(6, 0.02))
     assert record.good.all()
-    assert "the head may still move, or the output settle after a move" in caplog.text
+    assert "the head may still move, or the output may settle after a move" in caplog.text
 
 
 def test_k1_that_differs_between_runs_at_one_temperature_each_is_told_and_carried():

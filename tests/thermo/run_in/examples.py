@@ -7,8 +7,8 @@ import numpy as np
 
 from errormodel.arrays import FloatArray
 from errormodel.record import Record
-from thermo.run_in.relaxation import Series, cycles_needed
-from thermo.run_in.verdict import judge_run_in
+from thermo.run_in.judge import judge_run_in
+from thermo.run_in.relaxation import CoefficientSeries, cycles_needed
 from thermo.twin.assembly_stress import AssemblyStress, assembly_stress
 
 CYCLES = 60
@@ -50,10 +50,14 @@ def hyperbolic(seed: int) -> FloatArray:
     return 160 / (1 + np.arange(CYCLES) / kappa) * np.ones((2, 1))
 
 
-def series_of(truth: FloatArray, rng: np.random.Generator, sigma: float = SIGMA) -> list[Series]:
+def series_of(
+    truth: FloatArray, rng: np.random.Generator, sigma: float = SIGMA
+) -> list[CoefficientSeries]:
     measured = truth + sigma * rng.standard_normal(truth.shape)
     return [
-        Series(name=name, unit=unit, values=y, sigmas=np.full(y.size, sigma), limit=LIMIT)
+        CoefficientSeries(
+            name=name, unit=unit, values=y, sigmas=np.full(y.size, sigma), limit=LIMIT
+        )
         for name, unit, y in zip(("k0", "k1"), ("µg", "ppm"), measured, strict=True)
     ]
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from tests.thermo.run_in.examples import LIMIT, assembled, series_of
-from thermo.run_in.relaxation import Series, cycles_needed, weigh
+from thermo.run_in.judge import judge_run_in, run_spread
+from thermo.run_in.relaxation import CoefficientSeries, cycles_needed, weigh
 from thermo.run_in.rivals import HORIZON, NOT_SLOW, SLOW, SLOW_ODDS
-from thermo.run_in.verdict import judge_run_in, spread_of
 
 
 def test_cycles_needed_by_hand() -> None:
@@ -30,7 +30,9 @@ def test_what_is_still_to_come_is_where_it_was_said_to_be() -> None:
         path, _, scatter = drawn(rng, 8 + HORIZON)
         sigma = 0.15
         values = path[:8] + np.hypot(sigma, scatter) * rng.standard_normal(8)
-        series = Series(name="k0", unit="", values=values, sigmas=np.full(8, sigma), limit=1.0)
+        series = CoefficientSeries(
+            name="k0", unit="", values=values, sigmas=np.full(8, sigma), limit=1.0
+        )
         (found,) = weigh([series], "exponential").draw(1000, rng)
         low, high = np.quantile(found.future[:, -1], [0.05, 0.95])
         inside += bool(low <= path[-1] - path[7] <= high)
@@ -43,7 +45,9 @@ def test_what_is_still_to_come_is_where_it_was_said_to_be() -> None:
 
 def test_kappa_of_a_quiet_relaxation_is_found() -> None:
     values = 300 * np.exp(-np.arange(12) / 2.5)
-    series = Series(name="k0", unit="µg", values=values, sigmas=np.full(12, 0.5), limit=15.0)
+    series = CoefficientSeries(
+        name="k0", unit="µg", values=values, sigmas=np.full(12, 0.5), limit=15.0
+    )
     verdict = judge_run_in("A", [series])
     (found,) = verdict.coefficients
     # the grid of κ has a step of 15 %, its half is 8 %
@@ -56,7 +60,9 @@ def test_kappa_of_a_quiet_relaxation_is_found() -> None:
 
 def test_a_slow_law_is_recognised() -> None:
     values = 300 / (1 + np.arange(15) / 2)
-    series = Series(name="k0", unit="µg", values=values, sigmas=np.full(15, 1.0), limit=15.0)
+    series = CoefficientSeries(
+        name="k0", unit="µg", values=values, sigmas=np.full(15, 1.0), limit=15.0
+    )
     verdict = judge_run_in("A", [series])
     assert verdict.law == "hyperbolic"
     assert not verdict.settled  # 300/8.5 = 35 µg are still to come
@@ -66,7 +72,9 @@ def test_noise_as_large_as_the_limit_settles_nothing_soon() -> None:
     """A constant seen through noise of the limit's size: five cycles cannot tell."""
     rng = np.random.default_rng(1)
     values = LIMIT * rng.standard_normal(5)
-    series = Series(name="k0", unit="", values=values, sigmas=np.full(5, LIMIT), limit=LIMIT)
+    series = CoefficientSeries(
+        name="k0", unit="", values=values, sigmas=np.full(5, LIMIT), limit=LIMIT
+    )
     verdict = judge_run_in("A", [series])
     assert not verdict.settled
     assert verdict.cycles_needed[1] is None or verdict.cycles_needed[1] > 3
@@ -76,7 +84,9 @@ def test_noise_as_large_as_the_limit_settles_nothing_soon() -> None:
 def test_the_odds_of_slow_processes_are_those_of_how_often_they_are_drawn(creep: float) -> None:
     rng = np.random.default_rng(5)
     values = creep * np.arange(12) + 0.15 * rng.standard_normal(12)
-    series = Series(name="k0", unit="", values=values, sigmas=np.full(12, 0.15), limit=1.0)
+    series = CoefficientSeries(
+        name="k0", unit="", values=values, sigmas=np.full(12, 0.15), limit=1.0
+    )
     found = weigh([series], "exponential")
     share = {"a second relaxation": SLOW / 2, "a creep": SLOW / 2}
     share["a random walk"] = 1.0 - NOT_SLOW - SLOW
@@ -112,7 +122,7 @@ def test_the_same_estimates_give_the_same_verdict_and_order_of_units_does_not_ma
     one, same = judge_run_in("A", series), judge_run_in("A", series)
     assert one.settled_probability == same.settled_probability
     thousandth = [
-        Series(
+        CoefficientSeries(
             name=s.name, unit="mg", values=s.values / 1e3, sigmas=s.sigmas / 1e3, limit=LIMIT / 1e3
         )
         for s in series
@@ -127,7 +137,7 @@ def test_the_limits_of_an_instability_hold_for_few_runs() -> None:
     rng = np.random.default_rng(2)
     inside = 0
     for _ in range(1000):
-        low, high = spread_of(rng.standard_normal(4)).ci95
+        low, high = run_spread(rng.standard_normal(4)).ci95
         inside += low <= 1.0 <= high
     assert abs(inside - 950) < 4 * np.sqrt(1000 * 0.95 * 0.05)
 
@@ -137,6 +147,6 @@ def test_the_limits_of_an_instability_hold_for_few_runs() -> None:
 )
 def test_a_series_that_says_nothing_is_refused(values: list[float], limit: float) -> None:
     with pytest.raises(ValueError, match="k0"):
-        Series(
+        CoefficientSeries(
             name="k0", unit="µg", values=np.array(values), sigmas=np.ones(len(values)), limit=limit
         )

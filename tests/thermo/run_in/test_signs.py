@@ -6,8 +6,8 @@ import pytest
 from errormodel.arrays import FloatArray
 from tests.thermo.run_in.examples import series_of
 from tests.thermo.stability.coverage import LAWS
+from thermo.run_in.judge import judge_run_in
 from thermo.run_in.signs import daily_swing
-from thermo.run_in.verdict import judge_run_in
 
 EVERY_5_H = 5.0 * np.arange(90)
 

@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from accelbench.commands.fit.text import sentences
+from accelbench.commands.fit.text import fit_sentences
 from tests.thermo.fitting.strange_runs import NOMINAL, TRUE, output_of
 from thermo.fitting.fit import fit_runs
 from thermo.recording.channel import channel_of
@@ -53,7 +53,7 @@ def test_a_thermistor_without_noise_is_not_called_noisy_on_stairs() -> None:
     """It was told of 0.65 °C of noise: what an approach read every 4 min leaves about a line."""
     (one,) = fit_runs(stairs(8, 240.0, 0.0))
     assert not one.doubts.temperature_noise_counts
-    assert not any("the thermistor's noise of" in told for told in sentences(one))
+    assert not any("the thermistor's noise of" in told for told in fit_sentences(one))
 
 
 @pytest.mark.parametrize("step_s", [10.0, 60.0, 120.0])

@@ -3,7 +3,12 @@
 import numpy as np
 import pytest
 
-from accelbench.commands.stability.text import coefficient_row, headline, sentences, sigma_limits
+from accelbench.commands.stability.text import (
+    coefficient_row,
+    headline,
+    sigma_limits,
+    stability_sentences,
+)
 from tests.thermo.stability.examples import SIX, one_run, recorded
 from thermo.stability.judge import judge_stability
 from thermo.stability.limits import CoefficientLimits, LimitsFile
@@ -36,7 +41,7 @@ def test_drift_far_slower_than_a_run_is_no_difference_between_runs_or_is_told() 
         (one,) = judge_stability(recorded(frames), terms=SIX).accelerometers
         k0 = one.coefficient("k0")
         assert k0 is not None
-        told = any("so slow cannot be told from a difference" in note for note in one.notes)
+        told = any("so slow cannot be separated from a difference" in note for note in one.notes)
         wrong += k0.scatter.ci95[0] > 0.0 and not told
     assert wrong <= 1  # two of six come by chance in 1 %
 
@@ -50,14 +55,14 @@ def moving(moves: tuple[float, ...], seed: int) -> list[str]:
         recorded(frames, {f"r{k + 1}": k for k in range(len(moves))}), terms=SIX
     )
     (one,) = result.accelerometers
-    return [*headline(result), *sentences(one)]
+    return [*headline(result), *stability_sentences(one)]
 
 
 def test_three_runs_that_move_plainly_are_not_said_to_stand_still() -> None:
     told = moving((0.0, 100.0, 195.0), 1)
-    (line,) = (t for t in told if "cannot tell a trend" in t)
+    (line,) = (t for t in told if "cannot separate a trend" in t)
     assert "k0 drifts by" in line
-    assert not any("no coefficient is shown to move" in t for t in told)
+    assert not any("no coefficient shows a significant trend" in t for t in told)
 
 
 def test_a_trend_is_in_the_headline_with_its_size() -> None:

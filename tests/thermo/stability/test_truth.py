@@ -18,6 +18,7 @@ from thermo.stability.shape import shape_of
 
 Fill = Callable[..., FloatArray]
 STILL = (25.0, 25.2)
+RUNS = [2, 5, *(pytest.param(n, marks=pytest.mark.slow) for n in (3, 10, 15))]
 
 
 def still_runs(seed: int = 1) -> RecordedRuns:
@@ -36,7 +37,9 @@ def figures(result: Stability) -> list[tuple[object, ...]]:
     ]
 
 
-@pytest.mark.parametrize("poison", [np.nan, 1e150, 0.0])
+@pytest.mark.parametrize(
+    "poison", [np.nan, *(pytest.param(p, marks=pytest.mark.slow) for p in (1e150, 0.0))]
+)
 def test_runs_at_one_temperature_are_graded_by_their_readings_whatever_memory_holds(
     monkeypatch: pytest.MonkeyPatch, poison: float
 ) -> None:
@@ -86,7 +89,7 @@ def curves(k0: FloatArray, noise2: float = 1e-6, grid: int = 1) -> CurveSet:
     )
 
 
-@pytest.mark.parametrize("runs", [2, 3, 5, 10, 15])
+@pytest.mark.parametrize("runs", RUNS)
 def test_spread_is_held_by_its_limits_and_as_often_above_as_below(runs: int) -> None:
     rng = np.random.default_rng(runs)
     sets, sigma = 400, 20.0
@@ -104,7 +107,7 @@ def test_spread_is_held_by_its_limits_and_as_often_above_as_below(runs: int) -> 
     assert abs(above - 0.5) < 4 * np.sqrt(0.25 / sets)
 
 
-@pytest.mark.parametrize("runs", [2, 3, 5, 10, 15])
+@pytest.mark.parametrize("runs", RUNS)
 def test_a_spread_of_runs_that_do_not_differ_is_shown_in_2_5_percent_at_most(runs: int) -> None:
     """Nothing but noise of 5 µg, in heating and in cooling."""
     rng = np.random.default_rng([13, runs])
@@ -119,7 +122,7 @@ def test_a_spread_of_runs_that_do_not_differ_is_shown_in_2_5_percent_at_most(run
     assert shown <= sets * 0.025 + 4 * np.sqrt(sets * 0.025 * 0.975)
 
 
-@pytest.mark.parametrize("runs", [2, 3, 5, 10, 15])
+@pytest.mark.parametrize("runs", RUNS)
 def test_a_grade_that_is_not_deserved_is_given_in_5_percent_at_most(runs: int) -> None:
     rng = np.random.default_rng(runs)
     grades = {"A": GradeLimits(spread_ug=15.0)}
@@ -256,10 +259,11 @@ def unmoved(runs: int, sets: int) -> dict[str, int]:
     return wrong
 
 
-def test_two_runs_that_do_not_differ_are_seldom_said_to() -> None:
-    # 8 sets: three or more of 2.5 % come once in 1300 times
-    wrong = unmoved(2, 8)
-    assert max(wrong.values()) < 3, wrong
+# by chance at 2.5 % two of 3 come once in 500 times, three of 8 once in 1300 times
+@pytest.mark.parametrize(("sets", "too_many"), [(3, 2), pytest.param(8, 3, marks=pytest.mark.slow)])
+def test_two_runs_that_do_not_differ_are_seldom_said_to(sets: int, too_many: int) -> None:
+    wrong = unmoved(2, sets)
+    assert max(wrong.values()) < too_many, wrong
 
 
 @pytest.mark.slow

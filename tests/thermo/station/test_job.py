@@ -48,7 +48,9 @@ def test_another_sequence_or_an_unknown_test_is_refused(short, edit_sequence, co
     path = tmp_path / "s.sqlite"
     test_id = begun(path, short, config)
     other = edit_sequence(("period_s = 15.0", "period_s = 20.0"))
-    with pytest.raises(StoreError, match=f"mine.toml: is another sequence .* test {test_id}"):
+    with pytest.raises(
+        StoreError, match=f"mine.toml: is a different sequence from that of test {test_id}"
+    ):
         make_resumed_job(test_id, path, sequence=other, source="mine.toml")
     assert make_resumed_job(test_id, path, sequence=short).sequence == short
     with pytest.raises(StoreError, match="nosuch"):

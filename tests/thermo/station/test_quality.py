@@ -49,7 +49,7 @@ def test_a_thermistor_lost_three_times_in_a_row_ends_the_test(short, station, st
     assert outcome.status == "failed"
     assert outcome.reason == (
         "accelerometer QA-001: its thermistor gave no reading, 3 times in a row; its temperature "
-        "is not limited any more"
+        "limit no longer protects"
     )
     assert store.readings(outcome.test_id).slot.max() == 14
     assert world.is_safe
@@ -132,7 +132,7 @@ def test_a_head_that_stays_is_told_at_once_and_is_a_complaint(short, station, st
     outcome = run_test(short, station, store, world.clock, observers=[Watcher()])
     assert outcome.status == "finished"
     assert not outcome.clean
-    assert any("although it is sent elsewhere" in text for text in outcome.complaints)
+    assert any("although it was sent elsewhere" in text for text in outcome.complaints)
     assert told_at[0] <= 16  # it stands where it should at one slot of four
     assert len(told_at) <= 2  # once a run
     assert outcome.reason == f"all runs done, with {len(outcome.complaints)} complaints"

@@ -76,7 +76,7 @@ def test_a_test_goes_on_without_its_store_and_nothing_is_lost(
     assert not frame.duplicated(["run", "slot", "serial"]).any()
     assert len(events) == len({(e.kind, e.text, e.time_s, e.logged_utc) for e in events})
     said = [e.text for e in events if e.kind == "ramp"]
-    assert sum("run 1 is not judged now" in text for text in said) == 1
+    assert sum("run 1 has no verdict yet" in text for text in said) == 1
 
 
 def test_a_test_that_is_done_while_its_store_is_away_is_finished_with_a_complaint(

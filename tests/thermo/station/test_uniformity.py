@@ -183,7 +183,7 @@ def test_a_noisy_thermistor_does_not_make_a_perfect_ramp_uneven(noise_c):
         )
         failed += not ramp.passed
         assert ramp.noise_c == pytest.approx(noise_c, rel=0.35)  # 200 readings, a median
-        assert "hides what differs" in ramp.sentence
+        assert "hides differences" in ramp.sentence
     assert failed <= 1
 
 

@@ -138,5 +138,5 @@ def test_a_status_left_running_is_mended_and_told(tmp_path, caplog):
     with open_existing_store(file) as other:
         test = other.test(test_id)
         assert (test.status, test.runs[0].status) == ("interrupted", "interrupted")
-        assert "ended without storing the end" in test.outcome
+        assert "ended without storing the outcome" in test.outcome
     assert "its status is now interrupted" in caplog.text

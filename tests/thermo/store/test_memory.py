@@ -12,7 +12,7 @@ from thermo.fitting.fit import TermsFile, fit_runs
 from thermo.recording.files import make_runs, read_runs, write_runs
 from thermo.recording.output_scale import OutputScale
 from thermo.recording.summary import summary_of
-from thermo.store import queries as store_queries
+from thermo.store import reading_queries
 from thermo.store.export import export_test
 from thermo.store.records import NewTest, ReadingRow
 from thermo.store.store import Store, open_store
@@ -54,11 +54,19 @@ def peak_of_fit(path: Path, terms: TermsFile | None) -> tuple[int, int]:
 
 
 @pytest.mark.parametrize(
-    "terms", [TERMS, pytest.param(None, marks=pytest.mark.slow)], ids=["given", "chosen"]
+    ("terms", "few"),
+    [
+        (TERMS, 20_000),
+        pytest.param(TERMS, 60_000, marks=pytest.mark.slow),
+        pytest.param(None, 60_000, marks=pytest.mark.slow),
+    ],
+    ids=["given", "given, long", "chosen"],
 )
-def test_reading_and_fitting_take_less_than_thirty_numbers_a_reading(tmp_path, monkeypatch, terms):
+def test_reading_and_fitting_take_less_than_thirty_numbers_a_reading(
+    tmp_path, monkeypatch, terms, few
+):
     monkeypatch.setattr(columns, "KEPT", 0)  # as a long recording is fitted
-    few, many = 60_000, 120_000
+    many = 2 * few
     fit_runs(read_runs([recording(tmp_path / "2.csv", 2000)]), terms=terms)  # imports, compilers
     held, peak = peak_of_fit(recording(tmp_path / "many.csv", many), terms)
     less = peak_of_fit(recording(tmp_path / "few.csv", few), terms)[1]
@@ -103,7 +111,7 @@ def test_an_export_in_pieces_is_the_export_of_the_whole(
     stored: tuple[Store, str], tmp_path, monkeypatch, suffix, mount_deg, piece
 ):
     store, test_id = stored
-    monkeypatch.setattr(store_queries, "PIECE", piece)
+    monkeypatch.setattr(reading_queries, "PIECE", piece)
     whole, parted = tmp_path / f"whole{suffix}", tmp_path / f"parted{suffix}"
     scale = OutputScale(output_unit="mA", gravity_m_s2=9.81, nominal_scale=1.3)
     record = export_test(
@@ -124,7 +132,7 @@ def test_an_export_that_fails_in_its_middle_leaves_what_was_there(stored, tmp_pa
     store.append(test_id, 10, [ReadingRow(
         serial="A", slot=99, time_s=999.0, temp_c=5000.0, position_deg=0.0, output=1.0
     )])  # fmt: skip
-    monkeypatch.setattr(store_queries, "PIECE", 7)
+    monkeypatch.setattr(reading_queries, "PIECE", 7)
     out = tmp_path / "run.csv"
     out.write_text("as before")
     scale = OutputScale(output_unit="mA", gravity_m_s2=9.81, nominal_scale=1.3)

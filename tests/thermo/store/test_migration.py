@@ -78,7 +78,7 @@ def test_a_migrated_store_has_the_tables_of_a_new_one(old, tmp_path):
 
 
 def test_a_mark_is_entered_once_and_never_changed(store_url):
-    from tests.thermo.store.test_store import begun
+    from tests.thermo.store.short_test import begun
 
     with open_store(store_url) as store:
         test_id = begun(store)

@@ -1,55 +1,18 @@
 import os
-import shutil
-import sqlite3
-import subprocess
-import sys
 import threading
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 import sqlalchemy as sa
 
 from errormodel.errors import StoreError
+from tests.thermo.store.short_test import NEW, SERIALS, START, begun, scan
 from thermo.recording.files import read_runs
 from thermo.store.export import export_test
-from thermo.store.records import NewTest, ReadingRow
+from thermo.store.records import ReadingRow
 from thermo.store.schema import SCHEMA_VERSION
-from thermo.store.store import Store, open_store
-
-SERIALS = ("A", "B", "C")
-NEW = NewTest("night", 'name = "night"\n', "{}", {"accelbench": "0.1"}, {"chamber": {"pid": 1.5}})
-START = "2026-11-22T22:15:00+00:00"
-
-
-def scan(slot: int, attempt: int = 1, segment: int = 0, **changes: object) -> list[ReadingRow]:
-    return [
-        ReadingRow(
-            **{
-                "serial": serial,
-                "slot": slot,
-                "attempt": attempt,
-                "segment": segment,
-                "time_s": 10.0 * slot + 0.1 * i,
-                "temp_c": -40 + slot / 7,
-                "position_deg": 90.0 * (slot % 4),
-                "output": 1 / 3 + slot + i,
-                "chamber_c": -40.0,
-                "lateness_s": 0.001,
-                **changes,
-            }
-        )
-        for i, serial in enumerate(SERIALS)
-    ]
-
-
-def begun(store: Store, scans: int = 0) -> str:
-    test_id = store.begin_test(NEW)
-    store.begin_run(test_id, 1, START, 123.5)
-    for slot in range(scans):
-        store.append(test_id, 1, scan(slot))
-    return test_id
+from thermo.store.store import open_store
 
 
 def test_what_goes_in_comes_out(store_url):
@@ -144,9 +107,9 @@ def test_what_has_not_begun_or_is_over_takes_no_readings(store_url):
         test_id = begun(store, 1)
         with pytest.raises(StoreError, match="run 2: has not begun"):
             store.append(test_id, 2, scan(0))
-        with pytest.raises(StoreError, match="none of this id"):
+        with pytest.raises(StoreError, match="no test has this id"):
             store.begin_run("20260101T000000-0000", 1, START)
-        with pytest.raises(StoreError, match="none of this id"):
+        with pytest.raises(StoreError, match="no test has this id"):
             store.test("x")
         with pytest.raises(StoreError, match="expected one of running"):
             store.finish_run(test_id, 1, "done")
@@ -311,111 +274,3 @@ def test_urls_that_are_no_store(url, words):
         open_store(url)
     assert "\n" not in str(caught.value)
     assert "secret" not in str(caught.value)
-
-
-# ---- SQLite's file ----
-
-
-def closed_file(folder: Path, scans: int = 200) -> tuple[Path, str]:
-    path = folder / "b.sqlite"
-    with open_store(path) as store:
-        test_id = begun(store)
-        for slot in range(0, scans, 20):
-            rows = [row for k in range(slot, slot + 20) for row in scan(k)]
-            store.append(test_id, 1, rows)
-    return path, test_id
-
-
-@pytest.mark.parametrize("kind", ["text", "truncated", "zeros", "page", "others"])
-def test_a_damaged_file_is_refused_and_left_alone(tmp_path, kind):
-    path, _ = closed_file(tmp_path)
-    data = bytearray(path.read_bytes())
-    if kind == "text":
-        data = bytearray(b"run,serial\n" * 100)
-    elif kind == "truncated":
-        del data[len(data) // 2 :]
-    elif kind == "zeros":
-        data[4096:] = bytes(len(data) - 4096)
-    elif kind == "page":
-        data[len(data) // 2 : len(data) // 2 + 4096] = os.urandom(4096)
-    if kind == "others":
-        path.unlink()
-        with sqlite3.connect(path) as db:
-            db.execute("CREATE TABLE mine (a)")
-        db.close()
-        data = bytearray(path.read_bytes())
-    else:
-        path.write_bytes(bytes(data))
-    with pytest.raises(StoreError, match=r"b\.sqlite: (not a store|damaged)") as caught:
-        open_store(path)
-    assert "\n" not in str(caught.value)
-    assert path.read_bytes() == bytes(data)
-
-
-@pytest.mark.parametrize("damage", ["cut", "flip", "garbage"])
-def test_a_torn_last_write_costs_only_what_was_not_acknowledged(tmp_path, damage):
-    whole = tmp_path / "whole"
-    whole.mkdir()
-    store = open_store(whole / "b.sqlite")
-    test_id = begun(store, 20)
-    log = whole / "b.sqlite-wal"
-    acknowledged = log.stat().st_size
-    store.append(test_id, 1, scan(20))
-    last = log.stat().st_size
-    assert last > acknowledged
-    rng = np.random.default_rng(3)
-    for trial in range(10):
-        copy = tmp_path / f"{damage}{trial}"
-        shutil.copytree(whole, copy, ignore=shutil.ignore_patterns("*.claim", "*-shm"))
-        wal = copy / "b.sqlite-wal"
-        data = bytearray(wal.read_bytes())
-        place = int(rng.integers(acknowledged, last))
-        if damage == "cut":
-            del data[place:]
-        elif damage == "flip":
-            data[place] ^= 1 << int(rng.integers(8))
-        else:
-            data[acknowledged:] = rng.bytes(last - acknowledged)
-        wal.write_bytes(bytes(data))
-        with open_store(copy / "b.sqlite") as torn:
-            frame = torn.readings(test_id)
-            assert len(frame) == 60
-            np.testing.assert_array_equal(
-                frame["output"], [row.output for slot in range(20) for row in scan(slot)]
-            )
-            torn.append(test_id, 1, scan(20))
-    store.close()
-
-
-def test_a_reader_in_another_process_disturbs_no_writer(tmp_path):
-    path = tmp_path / "b.sqlite"
-    code = (
-        "import sqlite3, sys; db = sqlite3.connect(sys.argv[1], isolation_level=None);"
-        "db.execute('BEGIN'); print(db.execute('SELECT count(*) FROM readings').fetchone()[0],"
-        " flush=True); sys.stdin.read()"
-    )
-    with open_store(path) as store:
-        test_id = begun(store, 2)
-        reader = subprocess.Popen(
-            [sys.executable, "-c", code, path], stdin=subprocess.PIPE, stdout=subprocess.PIPE
-        )
-        assert reader.stdout is not None
-        assert reader.stdin is not None
-        assert reader.stdout.readline() == b"6\n"
-        for slot in range(2, 30):  # would wait for the busy time-out and fail if it were blocked
-            store.append(test_id, 1, scan(slot))
-        reader.kill()
-        reader.wait()
-        reader.stdin.close()
-        reader.stdout.close()
-        store.append(test_id, 1, scan(30))
-        assert len(store.readings(test_id)) == 93
-
-
-def test_durability_settings(tmp_path):
-    with open_store(tmp_path / "b.sqlite") as store, store._engine.connect() as connection:
-        found = [
-            connection.exec_driver_sql(f"PRAGMA {name}").scalar()
-            for name in ("journal_mode", "synchronous", "foreign_keys")
-        ]
-    assert found == ["wal", 2, 1]

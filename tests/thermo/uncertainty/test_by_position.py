@@ -56,7 +56,7 @@ def test_misfit_by_position_is_told_and_called_no_noise(kind: str) -> None:
     found, said = followed(changed(SMALL, 3, kind))
     assert found is not None
     assert found.sigmas > 5.0
-    assert "that is no noise" in said
+    assert "this is not noise" in said
     if kind != "clipped":  # the cut grows with K1 over temperature
         assert not found.over_temperature
         assert "the residual follows the position" in said

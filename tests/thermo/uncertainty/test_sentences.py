@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from accelbench.commands.fit.text import sentences
+from accelbench.commands.fit.text import fit_sentences
 from tests.thermo.fitting.strange_runs import TRUE, Setup, campaign
 from tests.thermo.recording.readings_examples import recorded
 from thermo.compensation.model_file import reported
@@ -34,7 +34,7 @@ def off(one: AccelerometerFit, name: str) -> tuple[float, float]:
 def test_heating_alone_says_what_it_costs_and_the_size_is_right(fault, words) -> None:
     setup = Setup(corners_c=HEATING, runs=4, drift_ug=0.0, **fault)
     one = fitted(setup, GIVEN)
-    assert "the sigmas do not allow for it: here" in "\n".join(sentences(one))
+    assert "the sigmas do not include them: here" in "\n".join(fit_sentences(one))
     ((k0_ug, k1_ppm),) = [(k0, k1) for told, k0, k1 in one.doubts.one_way if told == words]
     found, sigma = off(one, "k0")
     # the lag is taken to first order: 120 s of 1.6 °C/min are 3 °C, 5 % of its length of scale
@@ -50,7 +50,7 @@ def test_sigmas_hold_for_an_output_coarser_than_its_noise(lsb_ug: float, white_u
     # ten coefficients, none beyond 4 sigma but once in 1 600; it was 7, and χ²/n 7 to 9
     assert np.abs(error).max() < 4.0
     assert np.mean(error**2) < 3.0  # χ² of 10 above 30: once in 1 000
-    assert f"the output goes in steps of {lsb_ug:g} µg" in "\n".join(sentences(one))
+    assert f"the output goes in steps of {lsb_ug:g} µg" in "\n".join(fit_sentences(one))
 
 
 @pytest.mark.parametrize("lag_s", [30.0, -60.0], ids=["inside", "of the thermistor"])
@@ -63,12 +63,12 @@ def test_a_short_lag_of_either_side_is_told_with_its_size(lag_s: float) -> None:
             lambda t: signal.lfilter([1 - keep], [1, -keep], t, zi=[keep * t.iloc[0]])[0]
         )
     (one,) = fit_runs(recorded(frame), terms=GIVEN)
-    text = "\n".join(sentences(one))
+    text = "\n".join(fit_sentences(one))
     assert "the residual still follows" in text
     found = float(text.partition("(a lag of ")[2].partition(" s)")[0].replace("−", "-"))
     # a filter's steps of 10 s shorten the lag by half a step
     assert found == pytest.approx(lag_s, abs=6.0)
-    assert "that is no drift" in text
+    assert "this is not drift" in text
 
 
 @pytest.mark.parametrize(
@@ -81,13 +81,13 @@ def test_a_short_lag_of_either_side_is_told_with_its_size(lag_s: float) -> None:
     ids=["up and down", "three", "level"],
 )
 def test_few_positions_say_which_coefficient_holds_what_they_cannot_give(positions, words) -> None:
-    assert words in "\n".join(sentences(fitted(Setup(**TWO, positions=positions))))
+    assert words in "\n".join(fit_sentences(fitted(Setup(**TWO, positions=positions))))
 
 
 @pytest.mark.parametrize("loop_ug", [10.0, 100.0])
 def test_a_loop_left_in_both_directions_is_told_with_its_size(loop_ug: float) -> None:
     one = fitted(Setup(**TWO, loop_ug=loop_ug), GIVEN)
-    text = "\n".join(sentences(one))
+    text = "\n".join(fit_sentences(one))
     assert "a thermal-history effect is left" in text
     size = float(text.partition("heating lies ")[2].partition(" µg")[0])
     sigma = one.doubts.loop_sigma_ug

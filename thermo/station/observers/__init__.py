@@ -1,1 +1,1 @@
-"""Observers of a running test: in a thread of their own, and the live estimate."""
+"""Observers of a running test: observers in separate threads, and the live estimate."""

@@ -1,4 +1,4 @@
-"""Observers that never hold a test up: what they are told reaches them in a thread of their own."""
+"""Observers that never delay a test, because a separate thread calls them."""
 
 import logging
 import threading
@@ -14,8 +14,8 @@ log = logging.getLogger(__name__)
 
 Kind = Literal["progress", "reading", "line", "event", "result"]
 
-# How many calls of a kind wait; beyond that the oldest of its kind is dropped. Of progress only
-# the newest says anything; a result is never dropped.
+# Largest number of waiting calls of a kind; beyond it the oldest is dropped. Of progress only the
+# newest is kept; a result is never dropped.
 MOST: Mapping[Kind, int | None] = {
     "progress": 1,
     "reading": 200,
@@ -23,19 +23,19 @@ MOST: Mapping[Kind, int | None] = {
     "event": 1000,
     "result": None,
 }
-CLOSE_S = 10.0  # without any movement, then whoever is shown something is given up
+CLOSE_S = 10.0  # without any progress, after which the observer is abandoned
 
 
 class ObserverWorker:
-    """Carries out calls in order in a daemon thread of its own; handing one over never waits.
+    """Executes calls in order in a daemon thread; submitting a call never waits.
 
     Parameters
     ----------
     name : str
         Of the thread.
     tell_dropped : callable
-        Called in the thread with the number of calls of each kind that had to be dropped while
-        one before them took too long; not of progress, whose newest stands for all before it.
+        Called in the thread with the number of dropped calls of each kind, except progress, of
+        which only the newest is needed.
     """
 
     def __init__(self, name: str, tell_dropped: Callable[[Mapping[Kind, int]], None]) -> None:
@@ -44,7 +44,7 @@ class ObserverWorker:
         self._dropped: Counter[Kind] = Counter()
         self._tell_dropped = tell_dropped
         # held only while the queue is changed, never while a call is carried out; its lock is
-        # re-entrant, for a signal's handler may hand something over, too
+        # re-entrant, because a signal handler may also submit a call
         self._changed = threading.Condition()
         self._idle = True
         self._failed = False
@@ -63,7 +63,7 @@ class ObserverWorker:
             self._changed.notify_all()
 
     def moved(self) -> None:
-        """Say, within a call, that it is getting on."""
+        """Report, within a call, that it makes progress."""
         self._moved_s = time.monotonic()
 
     def drain(self, still_s: float = CLOSE_S) -> bool:
@@ -72,7 +72,7 @@ class ObserverWorker:
         Parameters
         ----------
         still_s : float
-            Given up when nothing has moved for so many real seconds.
+            Abandoned after this many real seconds without progress.
         """
         self.moved()
         with self._changed:
@@ -131,17 +131,17 @@ class ObserverWorker:
 
 
 class DetachedObserver:
-    """Passes a test on to an observer (`thermo.station.outcome.Observer`) in another thread.
+    """Forwards a test to an observer (`thermo.station.outcome.Observer`) in another thread.
 
-    The test never waits for it. When it takes too long, the oldest of what it was to be told is
-    dropped, progress before everything else, and it is told how much in an event of the kind
-    "display" when it goes on.
+    The test never waits for it. If the observer takes too long, the oldest calls are dropped,
+    progress first. When it continues, an event of the kind "display" gives the number of dropped
+    calls.
 
     Parameters
     ----------
     observer : Observer
     worker : ObserverWorker, optional
-        The thread that tells it; one of its own if not given.
+        The thread that calls it; by default a new one.
     """
 
     def __init__(self, observer: Observer, worker: ObserverWorker | None = None) -> None:
@@ -151,7 +151,7 @@ class DetachedObserver:
 
     @property
     def lost(self) -> str:
-        """Reason why nothing is shown any more; empty as long as something is."""
+        """Reason why nothing is shown any more; empty while the display works."""
         return self._failure or getattr(self._observer, "lost", "")
 
     def on_reading(self, run: int, rows: Sequence[ReadingRow]) -> None:
@@ -187,5 +187,5 @@ class DetachedObserver:
 
 
 def counted(dropped: Mapping[Kind, int]) -> str:
-    """Return how many of each kind were dropped, in words."""
+    """Return the numbers of dropped calls of each kind as text."""
     return ", ".join(f"{n} {kind}{'s' if n > 1 else ''}" for kind, n in dropped.items())

@@ -1,8 +1,9 @@
-"""K0 and K1 while the ramp is still running: recursive filters as an observer of a test.
+"""Live estimates of K0 and K1: recursive filters as an observer of a test.
 
-The parameters are those of terms of the library. What the terms do not hold (a loop, a lag) moves
-slowly and passes for drift, so how much drift there is is not assumed: filters with little and with
-much of it run side by side, weighed by how well each has predicted the readings (multiple models;
+The parameters are those of terms of the library. An effect outside these terms (a loop, a lag)
+changes slowly and resembles drift. The size of the drift is therefore not assumed: filters with
+little and with much drift run in parallel, weighted by their predictions of the readings (multiple
+models;
 Magill 1965, IEEE Trans. Autom. Control 10, 434).
 """
 
@@ -28,8 +29,8 @@ class LiveValue:
     """K0 and K1 of one accelerometer at the temperature it has now, and at `t_ref_c`.
 
     `k1` is relative to the nominal scale factor. The values at `t_ref_c` (`…_ref…`) can be
-    compared over a test; as long as it has not been there they are extrapolated, and so are their
-    sigmas.
+    compared over a test; until the temperature has been reached they are extrapolated, and so are
+    their sigmas.
     """
 
     serial: str
@@ -83,34 +84,7 @@ class _Follower:
 
 
 class LiveEstimate:
-    """Follows a test (`thermo.station.outcome.Observer`) and always has the latest K0 and K1.
-
-    The output is linear in the parameters (scale and bias as measured, the products of scale and
-    bias terms left out), so the filters are exact; K0 is the bias over the scale. Flagged readings
-    are left out. Another thread may ask for the values at any time; neither ever waits for the
-    other, and what is slow at its first use is done when this is made: it stands in the control
-    loop.
-
-    Parameters
-    ----------
-    nominal_scales : mapping of str to float
-        Output unit per g, by serial number.
-    noise : NoiseModel
-    mount_deg : mapping of str to float, optional
-        How far accelerometers are mounted turned on the head, °.
-    terms : sequence of str
-        Of the library, k0 and k1 among them; nonlinear parameters stay at their start values.
-    start : mapping of str to float, optional
-        Of nonlinear parameters.
-    t_ref_c : float
-
-    Raises
-    ------
-    KeyError
-        If there is no such term.
-    ValueError
-        If k0 or k1 is missing, or a coefficient has no prior sigma.
-    """
+    """Observer (`thermo.station.outcome.Observer`) with the latest K0 and K1."""
 
     def __init__(
         self,
@@ -129,7 +103,7 @@ class LiveEstimate:
         fits = tuple(start_recursive(n, model.prior, np.ones(model.prior.size)) for n in noises)
         fresh = _Bank(fits, np.zeros(len(fits)))
         _compile(fresh, model)
-        # replaced as a whole after each scan, so that a reader has one moment's and needs no lock
+        # replaced as a whole after each scan, so a reader gets consistent values without a lock
         self._state: Mapping[str, _Follower] = {
             s: _Follower(bank=fresh, model=model) for s in self._scales
         }
@@ -156,7 +130,7 @@ class LiveEstimate:
         """Nothing to do."""
 
     def fit_of(self, serial: str) -> RecursiveFit:
-        """Return the likeliest filter of one accelerometer; its values count in prior sigmas."""
+        """Return the likeliest filter of one accelerometer, in units of prior sigmas."""
         bank = self._state[serial].bank
         return bank.fits[int(np.argmax(bank.log_like))]
 
@@ -182,7 +156,7 @@ class LiveEstimate:
 
 
 def _compile(bank: _Bank, model: LiveModel) -> None:
-    """Go through every step of the filter once: compiling takes seconds where it was never run."""
+    """Run every step of the filter once, because it is compiled at the first call."""
     for time_s in (0.0, 1.0, 2.0):
         columns, model = model.step(model.trial(time_s))
         bank = bank.step(time_s, columns, 0.0)

@@ -1,7 +1,7 @@
 """Terms of the library as columns of a filter, reading by reading.
 
 With gain·(1 + Σ s·S)·(a + Σ b·B) the output is linear in K1, K1·s and K1·b; the products of scale
-and bias terms, some 1e-3 of either, are left out. Parameters are counted in their prior sigmas.
+and bias terms, some 1e-3 of either, are left out. Parameters are in units of their prior sigmas.
 """
 
 from collections.abc import Mapping, Sequence
@@ -25,7 +25,7 @@ from thermo.recording.signals import (
 )
 from thermo.store.records import ReadingRow
 
-# Those that the fit of the night finds in almost every accelerometer: the output's scale and bias,
+# The terms that the fit finds in almost every accelerometer: the output's scale and bias,
 # quadratic and cubic in temperature, the misalignment, and what goes with a_i² and a_i·a_p.
 LIVE_TERMS = (
     "k1", "k1_t1", "k1_t2", "k0", "k0_t1", "k0_t2", "k0_t3", "delta_o", "k2", "k_ip",
@@ -62,7 +62,7 @@ class LiveReading:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class LiveModel:
-    """Terms with what they and the smooth temperature remember of the run so far.
+    """Terms with their memory and that of the smoothed temperature in the current run.
 
     Attributes
     ----------
@@ -70,7 +70,7 @@ class LiveModel:
     values : mapping of str to float
         Of nonlinear parameters, among others.
     sigmas : ndarray, shape (p,)
-        Expected beforehand, in the order of the model's coefficients.
+        Prior sigmas, in the order of the model's coefficients.
     t_ref_c : float
     memory : mapping, optional
         Of the terms.
@@ -115,7 +115,7 @@ class LiveModel:
         return replace(self, memory=None, past=(), ended_h=self.ended_h + length_h)
 
     def knows(self, at: LiveReading) -> bool:
-        """Tell whether a reading has all that the terms need."""
+        """Return True if a reading has all signals that the terms need."""
         return self.model.needs <= set(self._record(at, (at.temp_c, 0.0)).signals)
 
     def step(self, at: LiveReading) -> tuple[FloatArray, "LiveModel"]:
@@ -127,9 +127,9 @@ class LiveModel:
         return self.sigmas * _columns(design), replace(self, memory=memory, past=past)
 
     def k0_k1_rows(self, at: LiveReading) -> tuple[FloatArray, FloatArray]:
-        """Return what the columns make of bias and scale at a reading's temperature, each (p,).
+        """Return the columns of bias and scale at the temperature of a reading, each (p,).
 
-        Without force and at rest in temperature, loops at the middle.
+        The force and the rate of temperature are zero, and loops are at their middle.
         """
         record = self._record(at, (at.temp_c, 0.0))
         still = record.with_signals(**{n: np.zeros(1) for n in ("a_i_g", "a_p_g", "a_o_g")})

@@ -134,7 +134,7 @@ class BypassedStore(Store):
         patience_s = READ_PATIENCE_S if patience_s is None else patience_s
         give_up_s = time.monotonic() + patience_s
         if not self._through.wait(patience_s):
-            raise StoreAwayError(f"{self._why}; what was written waits in a spool")
+            raise StoreAwayError(f"{self._why}; the readings wait in a spool")
         left_s = max(0.0, give_up_s - time.monotonic())
         return result_of(self._worker.submit(call), left_s, self._where)
 
@@ -182,13 +182,13 @@ class BypassedStore(Store):
             if waiting:
                 return
             if refused:
-                self._refused = f"{refused} entries that it does not take are in {spool.path}"
+                self._refused = f"{refused} entries that it refuses are in {spool.path}"
                 log.error("%s: %s", self._where, self._refused)
             spool.close(delete=not refused)
             self._spool = None
             self._due_s = 0.0
             self._through.set()
-        log.warning("%s: answers again; the spool has flowed in", self._where)
+        log.warning("%s: answers again; the spool has been stored", self._where)
 
     def _follow_file(self) -> None:
         """See that the open file is the one its path names, or go on in a copy of it."""

@@ -14,7 +14,7 @@ from thermo.store.store import Store
 
 log = logging.getLogger(__name__)
 
-ENDED = "its process ended without storing the end (killed, or the store could not be written)"
+ENDED = "its process ended without storing the outcome (killed, or the store could not be written)"
 
 
 def recover(store: Store, folder: Path | None = None) -> None:
@@ -61,7 +61,7 @@ def _flow_in(store: Store, spool: SpoolFile, test_id: str) -> None:
         where, (waiting, _) = spool.where, spool.count()
         if not _belongs(store, spool.path, where, test_id):
             log.warning(
-                "%s: %d entries of test %s wait for the store %s; not taken into this one",
+                "%s: %d entries of test %s wait for the store %s; not stored in this one",
                 spool.path, waiting, test_id, where,
             )  # fmt: skip
             return
@@ -69,9 +69,9 @@ def _flow_in(store: Store, spool: SpoolFile, test_id: str) -> None:
         refused = spool.count()[1]
         delete = not refused
         if waiting:
-            log.warning("%s: %d entries of test %s flowed in", spool.path, waiting, test_id)
+            log.warning("%s: %d entries of test %s were stored", spool.path, waiting, test_id)
         if refused:
-            log.warning("%s: the store does not take %d entries of test %s; they stay there",
+            log.warning("%s: the store refuses %d entries of test %s; they stay there",
                         spool.path, refused, test_id)  # fmt: skip
     finally:
         spool.close(delete=delete)
@@ -95,7 +95,7 @@ def _mend(store: Store, test_id: str) -> None:
                 store.finish_test(test_id, "interrupted", ENDED)
                 log.warning("test %s: %s; its status is now interrupted", test_id, ENDED)
     except StoreAwayError as err:
-        log.warning("test %s: is still called running: %s", test_id, err)
+        log.warning("test %s: is still marked as running: %s", test_id, err)
     except StoreError:
         return  # somebody took it in the meantime
 
@@ -124,8 +124,8 @@ def warnings(url: str | Path, folder: Path | None = None) -> tuple[str, ...]:
     store = Path(str(parsed.database))
     for path in sorted(store.parent.glob("*-wal")):
         if not path.with_name(path.name.removesuffix("-wal")).exists() and path.stat().st_size:
-            lines.append(f"{path}: an orphaned write-ahead log; readings in it are lost to a store "
-                         f"that is opened without it")  # fmt: skip
+            lines.append(f"{path}: an orphaned write-ahead log; a store that is opened without "
+            f"it lacks its readings")  # fmt: skip
     for path in sorted(store.parent.glob(f"{store.name}.*.guardian.json*")):
-        lines.append(f"{path}: left by a guardian; `accelbench run --resume` enters it")
+        lines.append(f"{path}: left by a guardian; `accelbench run --resume` stores it")
     return tuple(lines)

@@ -273,7 +273,7 @@ class SpooledStore(BypassedStore):
             if self._spool is not None:
                 spooled = (
                     f"the store does not answer: {self._spool.count()[0]} entries wait in "
-                    f"{self._spool.path}; `accelbench runs --store {self._where}` brings them in"
+                    f"{self._spool.path}; `accelbench runs --store {self._where}` stores them"
                 )
         return "; ".join(s for s in (self._moved, spooled, self._refused, self._log_left) if s)
 

@@ -9,10 +9,10 @@ import pytest
 
 from accelbench.commands.demo import hidden as demo_hidden
 from accelbench.commands.demo.hidden_page import NextRun, next_run_lines
-from accelbench.commands.demo.steps import Steps
+from accelbench.commands.demo.steps import DemoSteps
 from thermo.compensation.model_file import read_model
 from thermo.discrepancy.find import DRAWS
-from thermo.library import term
+from thermo.library import term, thermal_library
 from thermo.planning.sequence import load_sequence
 from thermo.twin.planted import (
     plain_accelerometer,
@@ -21,6 +21,7 @@ from thermo.twin.planted import (
     simulated_by,
     size_in_words,
 )
+from thermo.twin.unknown import unknown_effect
 
 HERE = Path(__file__).parent
 EXAMPLES = planted_effects()
@@ -72,6 +73,34 @@ def test_a_hidden_effect_is_named_from_the_files_and_the_next_run_is_matched(cal
     assert (folder / "report/next_run.html").is_file()
 
 
+def test_an_effect_of_no_library_gets_a_shape_that_the_next_run_follows(call, short, tmp_path):
+    done = call("demo", "--hidden", "unknown", "--out", tmp_path / "demo", "--json")
+    assert done.code == 0, done.err
+    document, folder = done.document, tmp_path / "demo/001"
+    assert document["right"]
+    assert "sin(2π" in document["hidden"]["size"]
+    verdicts = {a["serial"]: a for a in document["discrepancy"]["accelerometers"]}
+    mine = verdicts.pop(document["hidden"]["serial"])
+    assert (mine["verdict"], mine["effects"]) == ("unexplained_repeatable", [])
+    assert mine["shape"]["quantity"] == "temperature"
+    assert [a["verdict"] for a in verdicts.values()] == ["nothing"]
+    gap = document["next_run"]
+    # as above: three sigma of the drift of one short run
+    assert gap["after_ug"] < 10.3 < gap["before_ug"]
+    assert (folder / "larger_model.py").is_file()
+    assert "my_effect_1" in (folder / "larger_model.toml").read_text()
+    assert gap["over_noise"] == pytest.approx(gap["after_ug"] / gap["floor_ug"])
+    assert "times that" in (folder / "report/next_run.html").read_text()
+    assert "An effect without a name" in (folder / "report/report.html").read_text()
+
+
+def test_an_effect_of_no_library_is_drawn_from_the_seed():
+    one, same, other = (unknown_effect(seed) for seed in (1, 1, 2))
+    assert one.words == same.words != other.words
+    assert "unknown" not in thermal_library().terms
+    assert plain_accelerometer("A", one).values["unknown"] == one.values["unknown"]
+
+
 # Parameters that count from the first run's beginning; the key says the station's clock.
 BY_THE_CLOCK = {"run_in", "bias_step_at_h"}
 
@@ -118,7 +147,7 @@ def test_what_belonged_to_its_moment_is_compared_without_level_and_slope() -> No
     assert beside[False].gap_after_ug == pytest.approx(5.0, abs=3 * 0.16)
     assert beside[False].gap_before_ug == pytest.approx(beside[False].gap_after_ug)
     event, line = next_run_lines(beside[False])
-    assert "no model of earlier ones tells" in event
+    assert "a model of earlier runs cannot predict" in event
     assert line.startswith("These apart: in the next run")
     assert len(next_run_lines(beside[True])) == 1
 
@@ -126,7 +155,7 @@ def test_what_belonged_to_its_moment_is_compared_without_level_and_slope() -> No
 def test_the_time_left_follows_the_weights(monkeypatch):
     told, clock = [], iter([0.0, 30.0, 40.0])
     monkeypatch.setattr("accelbench.commands.demo.steps.time.monotonic", lambda: next(clock))
-    steps = Steps(told.append, [3.0, 1.0, 2.0])
+    steps = DemoSteps(told.append, [3.0, 1.0, 2.0])
     steps.next("a night")
     steps.next("a search")
     steps.add(4.0)

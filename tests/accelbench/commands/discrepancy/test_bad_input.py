@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from accelbench.cli import main
 from accelbench.commands.discrepancy.larger_model import model_files, model_lines
 from accelbench.commands.discrepancy.text import verdict_lines
 from tests.thermo.discrepancy.examples import hidden_runs
@@ -35,7 +36,7 @@ def again(good: RecordedRuns, frame: pd.DataFrame) -> RecordedRuns:
 
 def many_runs(f: pd.DataFrame) -> pd.DataFrame:
     one = f[f["run"] == f["run"].iloc[0]]
-    return pd.concat([one.assign(run=f"m{k}", output=one["output"] + 1e-9 * k) for k in range(13)])
+    return pd.concat([one.assign(run=f"m{k}", output=one["output"] + 1e-9 * k) for k in range(65)])
 
 
 def short_run(f: pd.DataFrame) -> pd.DataFrame:
@@ -61,17 +62,17 @@ def thermistor_noise(f: pd.DataFrame) -> pd.DataFrame:
     [
         (lambda f: f.iloc[:3], "serial A: 3 readings, at least 200 expected"),
         (short_run, "run 4 has 3 readings, at least 30 expected; leave it out"),
-        (many_runs, "13 runs, at most 12 expected"),
+        (many_runs, "65 runs, at most 64 expected"),
         (lambda f: f.assign(flag="gap"), "every reading is flagged"),
         (
             lambda f: f.assign(position_deg=0.0),
-            "run 1: a_i_g and a_p_g are not those of",
+            "run 1: a_i_g and a_p_g do not agree with",
         ),
         (
             lambda f: f.assign(temp_c=25.0),
-            "does not change beyond its noise of 0 °C",
+            "does not change by more than its noise of 0 °C",
         ),
-        (thermistor_noise, "does not change beyond its noise of 0.00"),
+        (thermistor_noise, "does not change by more than its noise of 0.00"),
         (lambda f: f.assign(output=0.0), "serial A: every reading is flagged"),
         (second_is_dead, "serial B: every reading is flagged"),
         (other_positions, "the output does not follow the positions"),
@@ -122,7 +123,7 @@ def test_one_run_at_one_position_says_what_it_cannot_show(good: RecordedRuns) ->
     here = (frame["run"] == "1") & (frame["position_deg"] == 90.0)
     (d,) = find_discrepancy(again(good, frame[here]), draws=FEWER)
     text = "\n".join(verdict_lines(d))
-    assert "One run does not tell what repeats" in text
+    assert "One run does not show what repeats" in text
     assert {"second_order", "third_order", "cross_axis", "turn_on_offset"} <= set(d.invisible)
     assert f"These runs cannot show at all: {', '.join(d.invisible)}." in text
 
@@ -144,4 +145,21 @@ def test_two_accelerometers_have_a_model_each(good: RecordedRuns, tmp_path: Path
     assert set(found[1].effects[0].parameters) == {"delta_o", "k_ip"}
     told = list(model_lines(found, tmp_path / "m.toml"))
     assert [line.split(":")[0] for line in told[:3]] == ["larger model", "of A alone", "of B alone"]
-    assert told[3:] == ["left out for B, these runs do not give all of it: delta_p, k_io"]
+    assert told[3:] == [
+        "left out for B, these runs cannot determine all of its parameters: delta_p, k_io"
+    ]
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "complaint"),
+    [
+        ("--max-hours", ["0"], "0, expected more than 0"),
+        ("--temperatures", ["60", "-20"], "expected the coldest and then the hottest"),
+        ("--angles", ["0,ninety"], "'0,ninety', expected angles in °"),
+    ],
+)
+def test_what_no_laboratory_can_do_is_refused(
+    option: str, value: list[str], complaint: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["discrepancy", "thermal", "none.csv", option, *value]) == 2
+    assert complaint in capsys.readouterr().err

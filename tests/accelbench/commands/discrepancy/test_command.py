@@ -43,7 +43,7 @@ def test_one_document_and_files_that_others_take(
     assert set(document) >= KEYS
     assert document["verdict"] == "named"
     (effect,) = document["effects"]
-    assert set(effect) == {"name", "parameters", "strength_d", "p_value", "sentence"}
+    assert set(effect) == {"name", "parameters", "strength_d", "share", "p_value", "sentence"}
     assert effect["name"] == "bias_hysteresis"
     assert set(effect["parameters"]["bias_hysteresis"]) == {"value", "sigma", "unit"}
     assert document["where"]["factor"] == "direction"
@@ -104,6 +104,7 @@ EFFECTS = [
 """
 
 
+@pytest.mark.slow  # tests/test_effect_in_one_file.py names one by default
 def test_an_effect_of_one_s_own_is_named(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

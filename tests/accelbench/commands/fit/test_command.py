@@ -58,7 +58,7 @@ def test_text_says_the_numbers_in_words(fitted):
     out = fitted.text
     raw_ug = fitted.document["accelerometers"][0]["residual_raw_ug"]
     assert f"residual {raw_ug:.0f} µg ({raw_ug / 1e3:.2f} mg) with constants only" in out
-    assert "these runs cannot give: delta_p" in out
+    assert "these runs cannot determine: delta_p" in out
     assert "at 40 °C" in out
     assert "valid from -20" in out
     assert fitted.document["model_id"] in out
@@ -154,5 +154,5 @@ def test_measured_thermal_loop_in_words(call, measured):
     out = call("fit", measured).out
     assert out.count("a higher order does not help") == 3
     assert out.count("m/s² at 40 °C") == 3
-    assert out.count("no polynomial in temperature can hold") == 3
+    assert out.count("no polynomial in temperature can describe") == 3
     assert "(4.52 mg) with the model" in out

@@ -56,7 +56,7 @@ def test_without_positions_what_misalignment_leaves_in_is_told_with_its_size(cal
     found = call(*asked, "--json").document["accelerometers"][0]
     told = " ".join(call(*asked, "--force").out.split())
     assert found["error_after_ug"] is None
-    assert "without positions misalignment and cross-coupling stay in, up to" in told
+    assert "without positions, misalignment and cross-coupling are not compensated, up to" in told
     angle = np.deg2rad(runs.position_deg)
     left_ug = 1e6 * (pd.read_csv(out)["accel_compensated_g"] - np.sin(angle))
     # δo·a_p, and half of Kip where a_i·a_p is largest
@@ -75,7 +75,7 @@ def test_a_scale_factor_taken_as_nominal_leaves_at_another_site_what_is_said(cal
     assert found["scale_left_ug"] == pytest.approx(1e4 * (1.0 - 9.80665 / here))
     assert "K1 was taken as nominal at every temperature" in told
     size = micro_g(found["scale_left_ug"])
-    assert f"each per cent by which K1 is off, or changes with temperature, leaves {size}" in told
+    assert f"each per cent of error or temperature change of K1 leaves {size}" in told
     sign = np.sin(np.deg2rad(up))
     left_ug = sign * (1e6 * (frame["accel_compensated_g"] - sign))
     slope, level = np.polyfit(frame["temp_c"] - 25.0, left_ug, 1)

@@ -63,7 +63,7 @@ def test_precise_calibration_is_written_told_and_applied(
     assert abs(raw.mean() - g) > 5e-4
     again = run(compensate, corrected, "--calibration", out, "--out", tmp_path / "twice.csv")
     assert isinstance(again.exception, InputError)
-    assert "compensated already" in str(again.exception)
+    assert "already compensated" in str(again.exception)
 
 
 def test_a_calibration_that_fails_ends_with_1_and_says_why(
@@ -77,10 +77,10 @@ def test_a_calibration_that_fails_ends_with_1_and_says_why(
     assert told.return_value == 1
     assert any("noise_contradiction" in w for w in json.loads(told.stdout)["warnings"])
     words = run(calibrate, path, "--holdout", "none").stdout
-    assert "failed: it does not hold that " in words
-    assert "that innovations are as large as their sigmas say" in words
+    assert "failed: not fulfilled: " in words
+    assert "innovations agree with their sigmas" in words
     # what bounds errors in a run that passes bounds none in one that does not
-    assert "the levels below hold only once what is wrong is mended" in words
+    assert "the levels below are valid only after the cause is removed" in words
 
 
 def test_a_protection_level_above_its_limit_ends_with_1_and_says_what_to_add(

@@ -114,7 +114,7 @@ def test_pictures_and_words(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
         ('{"names": ["gyro_bias_x"], "covariance": [[1, 2]]}', "shape"),
         ('{"names": ["gyro_bias_x"], "covariance": [["a"]]}', "could not convert"),
         ('{"names": ["gyro_bias_x"], "covariance": [[-1]]}', "negative"),
-        ('{"names": ["k0"], "covariance": [[1]]}', "k0 is no parameter"),
+        ('{"names": ["k0"], "covariance": [[1]]}', "k0 is not a parameter"),
     ],
 )
 def test_a_file_that_is_no_calibration_is_refused(

@@ -120,7 +120,7 @@ def test_text_for_people(tmp_path, capsys):
         (("--columns", "2,3,4", "--gravity", "9.8"), "either --rate-hz or --time-column"),
         (("--columns", "2,3,4", "--gravity", "1", "--rate-hz", "9"), r"expected 9\.7 to 9\.9"),
         (("--columns", "2,3,4", "--gravity", "9.8", "--rate-hz", "0"), "expected 1 to 100000"),
-        (("--rate-hz", "100"), "belong to --columns"),
+        (("--rate-hz", "100"), "require --columns"),
     ],
 )
 def test_misuse_is_told(tmp_path, arguments, words):
@@ -209,9 +209,9 @@ def test_means_of_positions(tmp_path, capsys):
     call(*given)
     assert "24 positions given, 24 fitted" in capsys.readouterr().out
     for more in (("--rate-hz", "9"), ("--time-column", "1")):
-        with pytest.raises(click.UsageError, match="do not belong to --means"):
+        with pytest.raises(click.UsageError, match="are not allowed with --means"):
             call(*given, *more)
-    with pytest.raises(click.UsageError, match="--sigma belongs to --means"):
+    with pytest.raises(click.UsageError, match="--sigma requires --means"):
         call(path, "--columns", "x,y,z", "--gravity", G, "--rate-hz", "9", "--sigma", "1")
     with pytest.raises(click.UsageError, match="--means needs --columns"):
         call(path, "--means")

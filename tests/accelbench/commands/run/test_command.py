@@ -66,7 +66,7 @@ def test_the_store_is_listed_and_exported(call, refused, done, tmp_path):
     assert [f["out"] for f in again] == [str(tmp_path / f"again-{k}.csv") for k in (1, 2)]
     assert (tmp_path / "again-1.csv").read_bytes() == (folder / "run-1.csv").read_bytes()
     assert "--force" in refused(*arguments)
-    assert "none of this id" in refused(
+    assert "no test has this id" in refused(
         "export", "nonsense", "--store", store, "--out", tmp_path / "x.csv"
     )
     assert "finished" in refused("run", "--resume", document["test_id"], "--store", store)

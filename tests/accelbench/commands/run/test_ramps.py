@@ -16,7 +16,7 @@ def test_ramps_that_are_uniform_are_one_line_and_the_mismatch_is_explained():
     assert total == (
         "24 of 24 ramps uniform, the mean rate at worst 0.3 % from the commanded one; -v tells each"
     )
-    assert "122 % faster than the SINS warms itself, at 0.9 °C/min" in mismatch
+    assert "122 % faster than the self-heating of the SINS, at 0.9 °C/min" in mismatch
 
 
 def test_a_ramp_that_is_not_uniform_is_told_and_with_v_each_is():
@@ -24,7 +24,7 @@ def test_a_ramp_that_is_not_uniform_is_told_and_with_v_each_is():
     short = replace(GOOD, readings=0, passed=False, sentence="QA-001, run 3: too short")
     lines = list(ramp_lines([GOOD, bad, short], verbose=False))
     assert lines[0].startswith("1 of 2 ramps uniform")
-    assert "1 ramps had too few readings to be judged" in lines[0]
+    assert "1 ramps had too few readings for a verdict" in lines[0]
     assert [line for line in lines if "segment" in line] == [f"  {bad.sentence}"]
     every = list(ramp_lines([GOOD, bad, short], verbose=True))
     assert [line.strip() for line in every[1:4]] == [v.sentence for v in (GOOD, bad, short)]

@@ -21,12 +21,12 @@ def test_a_guardian_that_could_not_make_the_chamber_safe_is_shown(
     record = RecordFile(result_file(store, test_id), {"test_id": test_id})
     assert main(["runs", "--store", str(store), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["guardians"] == []  # it only watches
-    record.write("trying", why="the controller was gone", steps=("no answer in 1 s",))
+    record.write("trying", why="the controller ended", steps=("no answer in 1 s",))
     assert main(["runs", "--store", str(store), "--json"]) == 0
     (shown,) = json.loads(capsys.readouterr().out)["guardians"]
     assert (shown["test_id"], shown["verified"], shown["needs_help"]) == (test_id, False, True)
     assert main(["runs", "--store", str(store)]) == 0
     told = capsys.readouterr().out
     assert f"guardian of {test_id}" in told
-    assert "goes on trying" in told
+    assert "keeps trying" in told
     assert "no answer in 1 s" in told

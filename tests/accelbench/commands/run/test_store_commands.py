@@ -40,7 +40,7 @@ def test_a_result_shows_the_store_without_its_password():
     for said in (text, document):
         assert SECRET not in said
         assert "postgresql://u:***@h/x?sslmode=require&sslpassword=***" in said
-    assert "go on with: accelbench run --resume T --store 'postgresql://u:***@h/x" in text
+    assert "resume with: accelbench run --resume T --store 'postgresql://u:***@h/x" in text
 
 
 def test_the_totals_after_a_resume_and_a_part_that_was_exported_are_explained():
@@ -51,8 +51,8 @@ def test_the_totals_after_a_resume_and_a_part_that_was_exported_are_explained():
     after = Afterwards(in_store=4353, repeated=33, exported=("n.csv",), out="n.csv")
     text = "\n".join(str(line) for line in run_text(outcome, after, "s.sqlite"))
     assert "2490 readings stored in s.sqlite since it was resumed" in text
-    assert "in the store it has 4353 readings in all; 33 of them" in text
-    assert "recorded run, of what was measured so far: n.csv" in text
+    assert "in total the store has 4353 readings in all; 33 of them" in text
+    assert "recorded run of the readings so far: n.csv" in text
     assert "run --resume T --store s.sqlite --out n.csv --force" in text
     document = run_document(outcome, after, "s.sqlite", LiveEstimate({}))
     assert (document["readings_in_store"], document["readings_repeated"]) == (4353, 33)

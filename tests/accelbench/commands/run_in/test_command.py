@@ -21,9 +21,15 @@ KEYS = {
 
 @pytest.fixture(scope="module")
 def done(tmp_path_factory):
-    """One run-in through the program itself; nothing may be changed in it."""
-    arguments = ["run", str(SEQUENCE), "--store", "s.sqlite", "--out", "run.csv", "--json"]
-    return ran(tmp_path_factory.mktemp("run_in"), *arguments)
+    """One run-in through the program itself; nothing may be changed in it.
+
+    It stops after some twenty cycles, and deciding takes as long as running them: the first
+    fifteen decide nothing here.
+    """
+    folder = tmp_path_factory.mktemp("run_in")
+    text = SEQUENCE.read_text(encoding="utf-8").replace("[run_in]", "[run_in]\nmin_cycles = 16")
+    (folder / "late.toml").write_text(text, encoding="utf-8")
+    return ran(folder, "run", "late.toml", "--store", "s.sqlite", "--out", "run.csv", "--json")
 
 
 def test_the_emulated_run_in_stops_by_itself_and_says_why(done):

@@ -81,7 +81,7 @@ def test_text_report_and_between_file(call, refused, six_runs, tmp_path):
     assert "no limits given" in done.out
     assert "variance components" in done.out
     html = (report / "report.html").read_text(encoding="utf-8")
-    assert "What repeatability means here" in html
+    assert "Definition of repeatability" in html
     assert html.count("data:image/png") == 4  # overview, components, two accelerometers
     assert "http" not in html
     names = {p.name for p in report.iterdir()}

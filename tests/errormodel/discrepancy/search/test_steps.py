@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from errormodel.discrepancy.foresight import foresee
+from errormodel.discrepancy.foresight import foresee_candidates
 from errormodel.discrepancy.gate import judge
 from errormodel.discrepancy.nulls import NullDistributions, simulate_nulls
 from errormodel.discrepancy.scan import Prepared, View
@@ -50,7 +50,7 @@ def test_the_gain_is_what_least_squares_says() -> None:
 
 def test_what_cannot_be_seen_and_what_cannot_be_told_apart_is_said_beforehand() -> None:
     problem = linear_problem(np.zeros(len(BASE)), BASE)
-    foresight = foresee(View(problem, NoiseModel()), problem.candidates)
+    foresight = foresee_candidates(View(problem, NoiseModel()), problem.candidates)
     assert foresight.invisible == ("lost",)
     assert foresight.partners("wave") == ("same",)
     # the third harmonic of a square wave has the amplitude 4/3π: its share of the power

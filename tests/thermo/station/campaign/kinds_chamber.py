@@ -180,7 +180,7 @@ def _unrecognised(case: Case, *words: object, **how) -> Result:
     begin(case, high=8, **how)
     case.panel("chamber", *words)
     end(case, 200)
-    # the guardian goes on trying; somebody puts the controller's settings right
+    # the guardian keeps trying; somebody puts the controller's settings right
     writes = [w for w in case.log("write") if w["t"] > case.fault_s + 0.05]
     odd = [w for w in writes if not -60 <= w["setpoint"] <= 90]
     result = Result((1,))

@@ -7,7 +7,8 @@ import signal
 import sqlite3
 import time
 
-from tests.thermo.station.campaign.case import SILENCE_S, Case, Process
+from tests.thermo.station.campaign.case import SILENCE_S, Case
+from tests.thermo.station.campaign.controller import Process
 from tests.thermo.station.campaign.kinds import PATIENCE_S, Result, begin, end, kind
 from thermo.launch.real import load_station
 from thermo.planning.silence import silence_limit_s

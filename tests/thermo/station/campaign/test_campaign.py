@@ -27,12 +27,19 @@ def campaign(tmp_path, *args: str, patience_s: float) -> list[dict]:
     return [json.loads(line) for line in log.read_text().splitlines()]
 
 
-def test_three_faults_leave_the_chamber_safe_and_every_reading_stored(tmp_path):
-    kinds = ("sigkill", "panel_setpoint", "store_locked")
+THREE = {"sigkill": -9, "panel_setpoint": 1, "store_locked": None}  # the code that each ends with
+
+
+@pytest.mark.parametrize(
+    "kinds",
+    [("panel_setpoint",), pytest.param(tuple(THREE), marks=pytest.mark.slow)],
+    ids=["one", "three"],
+)
+def test_three_faults_leave_the_chamber_safe_and_every_reading_stored(tmp_path, kinds):
     chosen = [word for name in kinds for word in ("--kind", name)]
     results = campaign(tmp_path, *chosen, "--count", "1", patience_s=250)
     assert [r["kind"] for r in results] == list(kinds)
-    assert [r["code"] for r in results[:2]] == [-9, 1]
+    assert all(THREE[r["kind"]] in (None, r["code"]) for r in results)
     assert all(r["acks"] > 0 for r in results)
 
 

@@ -123,7 +123,7 @@ def test_an_observer_that_stands_still_or_fails_takes_no_reading_from_a_test(tmp
     with open_store(tmp_path / "s.sqlite") as store:
         told = [e.text for e in store.events(outcome.test_id) if e.kind == "display lost"]
     if isinstance(observer, Broken):
-        assert told == ["RuntimeError: no paper; the test goes on without it"]
+        assert told == ["RuntimeError: no paper; the test continues without it"]
     else:
         assert told == []
         assert observer.seen == []  # it stood still all the while

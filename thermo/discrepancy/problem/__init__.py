@@ -1,0 +1,1 @@
+"""The engine's problem of one accelerometer's chamber runs."""

@@ -1,0 +1,1 @@
+"""An effect without a name: a smooth function of one quantity."""
