@@ -120,10 +120,9 @@ def run_on_station(
         if job.resume is not None:
             collect_result(store, job.resume, result_file(job.store_url, job.resume))
         permit = None if sitting is None else sitting.permit
-        with (
-            signals_to(control),
-            open_station(job.station, clock=clock, permit=permit) as station,
-        ):
+        # until the end is stored and told: a second Ctrl-C is not to cut that short
+        stack.enter_context(signals_to(control))
+        with open_station(job.station, clock=clock, permit=permit) as station:
 
             def health() -> Health:
                 return _health(station, sitting, store)

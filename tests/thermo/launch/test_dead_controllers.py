@@ -5,8 +5,8 @@ import time
 
 import pytest
 
-from tests.thermo.station.processes import Controller, newest_test, serving, setpoint_c
-from tests.thermo.station.test_kill import SEQUENCE
+from tests.thermo.station.processes.processes import Controller, newest_test, serving, setpoint_c
+from tests.thermo.station.processes.test_kill import SEQUENCE
 from thermo.launch.dead_controllers import is_gone, settle_dead_controllers
 from thermo.safety.guardian_record import read_record
 from thermo.safety.guardian_results import result_file

@@ -6,7 +6,7 @@ import pytest
 
 from errormodel.errors import StoreError
 from tests.thermo.launch.test_dead_controllers import wait_until
-from tests.thermo.store.test_store import NEW
+from tests.thermo.store.short_test import NEW
 from thermo.launch import runner as runner_module
 from thermo.launch.detached import NotStartedError, Started
 from thermo.launch.runner import Runner

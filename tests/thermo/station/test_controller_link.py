@@ -11,7 +11,7 @@ import pytest
 from tests.thermo.station.running import run_test
 from tests.thermo.station.test_store import PATIENCE_S, Outage
 from thermo.station.controller_link import ControllerLink, Health
-from thermo.station.outcome import RunControl, TestOutcome
+from thermo.station.outcome import RunControl, TestInterruptedError, TestOutcome
 from thermo.store.operation.alarms import list_alarms
 from thermo.store.operation.commands import Action, ask, list_commands, read_command
 from thermo.store.operation.controllers import read_beat
@@ -37,7 +37,7 @@ def wait_until(met: Callable[[], bool]) -> None:
 
 
 class Operator:
-    """Acts on a test at chosen calls of its instruments: asks, and waits until it is taken.
+    """Acts on a test at chosen calls of its instruments: asks, and waits until that has acted.
 
     The test's clock stands still meanwhile, so that nothing depends on how fast anybody is.
     """
@@ -45,7 +45,7 @@ class Operator:
     def __init__(self, world, url: str) -> None:
         self.url = url
         self.test_id = ""
-        self.paused = False
+        self.control = RunControl()
         self.at: list[tuple[str, int, Callable[[], None]]] = []
         self.asked: list[int] = []
         self._counts: dict[str, int] = {}
@@ -65,9 +65,26 @@ class Operator:
                 given = {"reason": reason} if reason else {}
                 number = ask(store, action, who="anna", test_id=self.test_id, arguments=given)
                 self.asked.append(number)
-                wait_until(lambda: read_command(store, number).state != "waiting")
+                self.wait_until_acted(store, number)
 
         return asked
+
+    def wait_until_acted(self, store: Store, number: int) -> None:
+        def acted() -> bool:
+            command = read_command(store, number)
+            if command.action == "abort" and not command.answered:
+                return self._is_aborted()
+            there = self.control.paused == (command.action == "pause")
+            return command.answered or (command.state == "taken" and there)
+
+        wait_until(acted)
+
+    def _is_aborted(self) -> bool:
+        try:
+            self.control.check()
+        except TestInterruptedError:
+            return True
+        return False
 
     def when_paused(self, act: Callable[[], None]) -> "OnPause":
         return OnPause(act)
@@ -96,7 +113,7 @@ def run_linked(
     sequence, station, store: Store, world, operator: Operator, *, observers=(), health=Health
 ) -> TestOutcome:
     """Run a test as the launch does, with its link."""
-    control = RunControl()
+    control = operator.control
     with ControllerLink(
         operator.url, control, world.clock, sequence.sampling.period_s, health=health
     ) as link:
@@ -172,7 +189,7 @@ def test_a_pause_on_the_way_holds_the_chamber_where_it_is(short, station, store,
     resume = Shown(operator.ask("resume"))
     operator.at.append(("digitiser.scan", 3, operator.ask("abort")))
     outcome = run_linked(short, station, store, world, operator, observers=[resume])
-    assert outcome.kind == "aborted"
+    assert outcome.kind == "aborted", outcome
     assert held[:3] == [20.0, 24.0, 20.0]
     assert set(shown) == {24.0}
 
@@ -189,7 +206,7 @@ def test_an_operator_whose_process_is_killed_has_asked_all_the_same(
             assert process.stdout is not None
             number = int(process.stdout.readline())
             process.send_signal(signal.SIGKILL)
-        wait_until(lambda: read_command(store, number).state != "waiting")
+        operator.wait_until_acted(store, number)
 
     operator.at = [("digitiser.scan", 10, ask_and_die)]
     resume = operator.when_paused(operator.ask("resume"))

@@ -3,7 +3,7 @@
 import subprocess
 import sys
 
-from tests.thermo.store.test_store import begun, scan
+from tests.thermo.store.short_test import begun, scan
 from thermo.store.sqlite import companion_path, inode
 from thermo.store.store import open_store
 

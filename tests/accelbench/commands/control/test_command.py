@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from accelbench.cli import main
-from tests.thermo.store.test_store import begun
+from tests.thermo.store.short_test import begun
 from thermo.store.operation.alarms import raise_alarm
 from thermo.store.store import open_store
 
@@ -33,7 +33,7 @@ def test_a_test_without_a_controller_is_told_at_once(store, capsys):
     assert (answer["state"], answer["answered"]) == ("refused", True)
     assert "no controller is alive" in answer["outcome"]
     assert main(["control", "abort", "nobody", "--store", store]) == 2
-    assert "there is none of this id" in capsys.readouterr().err
+    assert "no test has this id" in capsys.readouterr().err
 
 
 def test_a_test_is_planned_armed_and_withdrawn_and_all_of_it_is_listed(store, capsys):

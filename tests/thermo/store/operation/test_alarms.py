@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from errormodel.errors import StoreError
-from tests.thermo.store.test_store import begun
+from tests.thermo.store.short_test import begun
 from thermo.store.operation import notices
 from thermo.store.operation.alarm_kinds import ALARM_KINDS
 from thermo.store.operation.alarms import acknowledge, list_alarms, raise_alarm

@@ -5,7 +5,7 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 
 from errormodel.errors import StoreError
-from tests.thermo.store.test_store import begun
+from tests.thermo.store.short_test import begun
 from thermo.store.operation.commands import (
     OF_CONTROLLERS,
     answer,

@@ -3,7 +3,7 @@
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 
-from tests.thermo.store.test_store import begun
+from tests.thermo.store.short_test import begun
 from thermo.store.database import utc_now
 from thermo.store.operation.controllers import (
     ControllerBeat,

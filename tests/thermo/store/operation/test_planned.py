@@ -3,7 +3,7 @@
 import pytest
 
 from errormodel.errors import StoreError
-from tests.thermo.store.test_store import begun
+from tests.thermo.store.short_test import begun
 from thermo.store.operation.commands import list_commands
 from thermo.store.operation.planned import (
     arm_test,
