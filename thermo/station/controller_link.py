@@ -168,7 +168,8 @@ class ControllerLink:
                 store = store or open_store(self._url, existing=True)
                 if not refused_old:
                     said = "asked before the test was begun or resumed; ask again"
-                    refuse_left(store, self._beat.test_id, said)
+                    test_id, began = self._beat.test_id, self._beat.began_utc
+                    refuse_left(store, test_id, said, before_utc=began)
                     refused_old = True
                 self._turn(store, ending=ending)
                 if ending:

@@ -194,10 +194,20 @@ def withdraw(store: Store, number: int, outcome: str) -> bool:
     return _answer(store, command_table.c.id == number, ("waiting",), "refused", outcome) > 0
 
 
-def refuse_left(store: Store, test_id: str, outcome: str) -> int:
-    """Refuse what a test's controllers, which are gone, have not answered; return how many."""
+def refuse_left(store: Store, test_id: str, outcome: str, *, before_utc: str | None = None) -> int:
+    """Refuse what a test's controllers, which are gone, have not answered; return how many.
+
+    Parameters
+    ----------
+    store : Store
+    test_id, outcome : str
+    before_utc : str, optional
+        Only what was asked before this moment.
+    """
     t = command_table.c
     which = sa.and_(t.test_id == test_id, t.action.in_(OF_CONTROLLERS))
+    if before_utc is not None:
+        which = sa.and_(which, t.asked_utc < before_utc)
     return _answer(store, which, ("waiting", "taken"), "refused", outcome)
 
 
