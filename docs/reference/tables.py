@@ -29,12 +29,14 @@ from sinscal.recording.files import NavSidecar, RigSidecar
 from sinscal.twin.rig_file import RigFile
 from thermo.compensation.model_file import ModelFile
 from thermo.fitting.fit import TermsFile
+from thermo.launch.notify import NotifyFile
 from thermo.library import thermal_library
 from thermo.planning.bounds import SEQUENCE, STATION
 from thermo.planning.sequence import Sequence
 from thermo.recording.files import Sidecar
 from thermo.recording.foreign.map import LogMap
 from thermo.recording.signals import signals as signals_in_use
+from thermo.store.operation.alarm_kinds import ALARM_KINDS
 from thermo.store.schema import metadata
 from thermo.twin.planted import size_in_words
 
@@ -186,6 +188,15 @@ def registers() -> str:
     return "\n".join(parts).rstrip()
 
 
+def alarms() -> str:
+    """Return the kinds of alarm."""
+    rows = [
+        (f"`{name}`", kind.title, kind.weight, kind.meaning, kind.remedy)
+        for name, kind in ALARM_KINDS.items()
+    ]
+    return markdown(("kind", "title", "weight", "what it means", "what to do"), rows)
+
+
 def store() -> str:
     """Return the tables of the store."""
     parts: list[str] = []
@@ -222,6 +233,8 @@ TABLES: dict[str, Callable[[], str]] = {
     "nav-sidecar": only(keys(NavSidecar, "nav-sidecar"), "body_axes"),
     "termsfile": keys(TermsFile, "termsfile"),
     "modelfile": keys(ModelFile, "modelfile"),
+    "alarms": alarms,
+    "notify": keys(NotifyFile, "notify"),
 }
 
 

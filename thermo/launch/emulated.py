@@ -1,6 +1,6 @@
 """Tests on emulated instruments: over real sockets and terminals, on the physical twin."""
 
-from collections.abc import Generator, Mapping
+from collections.abc import Callable, Generator, Mapping
 from collections.abc import Sequence as Many
 from contextlib import contextmanager
 
@@ -68,6 +68,8 @@ def run_emulated(
     observers: Many[Observer] = (),
     control: RunControl | None = None,
     take_over: bool = False,
+    on_begun: Callable[[str], None] | None = None,
+    log_to_store: bool = False,
 ) -> TestOutcome:
     """Run a test on emulated instruments in this process, over real sockets and terminals.
 
@@ -84,7 +86,7 @@ def run_emulated(
         Of the twin.
     clock : Clock, optional
         A `SteppedClock` if not given: the night passes as fast as the machine can compute it.
-    observers, control, take_over
+    observers, control, take_over, on_begun, log_to_store
         As for `run_on_station`. There is no guardian: the chamber ends with the process.
 
     Returns
@@ -101,6 +103,8 @@ def run_emulated(
             control=control,
             guard=False,
             take_over=take_over,
+            on_begun=on_begun or (lambda _: None),
+            log_to_store=log_to_store,
         )
 
 

@@ -7,7 +7,7 @@ import select
 import signal
 import sys
 import threading
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from collections.abc import Sequence as Many
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
@@ -15,17 +15,20 @@ from pathlib import Path
 from types import FrameType
 
 from drivers.clock import Clock, RealClock
-from drivers.opening import open_station
+from drivers.opening import Station, open_station
 from drivers.station import StationConfig
 from errormodel.io.toml import read_toml
 from thermo.safety.guarded_sitting import Guard, take_lock
 from thermo.safety.guardian_results import collect_result, result_file
 from thermo.safety.heartbeat import notify_service
+from thermo.safety.processes import process_start
+from thermo.station.controller_link import ControllerLink, Health
 from thermo.station.job import Job
 from thermo.station.outcome import Observer, RunControl, TestOutcome
 from thermo.station.procedure import run_test
 from thermo.station.session import no_heartbeat
-from thermo.store.spool.spooled_store import open_spooled_store, write_patience_s
+from thermo.store.operation.alarm_kinds import Kind
+from thermo.store.spool.spooled_store import SpooledStore, open_spooled_store, write_patience_s
 
 log = logging.getLogger(__name__)
 
@@ -49,6 +52,10 @@ def load_station(path: Path | str) -> StationConfig:
     return read_toml(path, StationConfig)
 
 
+def _nobody(test_id: str) -> None:
+    """Tell nobody that a test has begun."""
+
+
 def run_on_station(
     job: Job,
     *,
@@ -58,6 +65,8 @@ def run_on_station(
     guard: bool = True,
     take_over: bool = False,
     silence_s: float | None = None,
+    on_begun: Callable[[str], None] = _nobody,
+    log_to_store: bool = False,
 ) -> TestOutcome:
     """Run a test, or go on with one, on the instruments of a station file.
 
@@ -81,6 +90,12 @@ def run_on_station(
     silence_s : float, optional
         How long this process may be silent before its guardian takes over, real s; by the station
         file if not given.
+    on_begun : callable
+        Called with the test's id when the store has it and before anything is commanded; what it
+        raises ends the test.
+    log_to_store : bool
+        Whether the program's warnings become events of the test, of the kind "log": where nobody
+        sees a terminal.
 
     Returns
     -------
@@ -105,29 +120,58 @@ def run_on_station(
         if job.resume is not None:
             collect_result(store, job.resume, result_file(job.store_url, job.resume))
         permit = None if sitting is None else sitting.permit
-        with (
-            signals_to(control),
-            open_station(job.station, clock=clock, permit=permit) as station,
-        ):
+        # until the end is stored and told: a second Ctrl-C is not to cut that short
+        stack.enter_context(signals_to(control))
+        with open_station(job.station, clock=clock, permit=permit) as station:
 
-            def start_guardian(test_id: str) -> None:
+            def health() -> Health:
+                return _health(station, sitting, store)
+
+            def before_command(test_id: str) -> None:
                 if sitting is not None:
                     path = result_file(job.store_url, test_id)
                     sitting.start(test_id, station.chamber.recognition, path)
+                link.begin(test_id)
+                on_begun(test_id)
 
+            period_s = job.sequence.sampling.period_s
+            link = stack.enter_context(
+                ControllerLink(
+                    job.store_url,
+                    control,
+                    clock,
+                    period_s,
+                    health=health,
+                    pid_start=process_start(os.getpid()),
+                    log_to_store=log_to_store,
+                )
+            )
             outcome = run_test(
                 job,
                 station,
                 store,
                 clock,
-                observers=observers,
+                observers=(link.notes, *observers),
                 control=control,
-                before_command=start_guardian,
+                before_command=before_command,
                 take_over=take_over,
                 heartbeat=no_heartbeat if sitting is None else sitting.beat,
             )
             outcome = outcome if sitting is None else _end_sitting(sitting, outcome)
-        return replace(outcome, store_note=store.settle())
+        outcome = replace(outcome, store_note=store.settle())
+        link.end(outcome)
+        return outcome
+
+
+def _health(station: Station, sitting: Guard | None, store: SpooledStore) -> Health:
+    """Return how instruments, guardian and store are; nobody is asked anything."""
+    parts: list[str] = []
+    for name, device in station.devices.items():
+        counters = device.counters
+        fault = f", last fault: {counters.last_fault}" if counters.last_fault else ""
+        parts.append(f"{name}: {counters.exchanges} exchanges, {counters.retries} retries{fault}")
+    guardian = "emulated: none" if sitting is None else sitting.health
+    return Health(link="; ".join(parts), guardian=guardian, store=store.trouble)
 
 
 def _end_sitting(sitting: Guard, outcome: TestOutcome) -> TestOutcome:
@@ -136,7 +180,8 @@ def _end_sitting(sitting: Guard, outcome: TestOutcome) -> TestOutcome:
     notify_service("STATUS=the test is over")
     if not sitting.taken_over:
         return outcome
-    return replace(outcome, status="failed", reason=sitting.taken_over, safe=safe)
+    taken = sitting.taken_over
+    return replace(outcome, status="failed", reason=taken, safe=safe, kind="guardian")
 
 
 @contextmanager
@@ -147,7 +192,8 @@ def signals_to(control: RunControl) -> Generator[None]:
         return
 
     def handle(number: int, frame: FrameType | None) -> None:
-        control.abort(f"stopped by {signal.Signals(number).name}")
+        kind: Kind = "aborted" if number == signal.SIGINT else "interrupted"
+        control.abort(f"stopped by {signal.Signals(number).name}", kind)
 
     def refuse(number: int, frame: FrameType | None) -> None:
         say_at_once(REFUSAL)

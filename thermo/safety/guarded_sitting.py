@@ -144,6 +144,16 @@ class Guard:
         trouble = "" if self._lost else self._guardian.trouble
         return (self._replace(trouble),) if trouble else ()
 
+    @property
+    def health(self) -> str:
+        """The guardian in words; may be asked from any thread."""
+        current = self._guardian
+        if self.taken_over:
+            return self.taken_over
+        if current is None:
+            return "no guardian"
+        return current.trouble or f"process {current.pid} watches"
+
     def end(self, safe: SafeResult) -> SafeResult:
         """End the sitting: dismiss the guardian, or leave the chamber to it.
 

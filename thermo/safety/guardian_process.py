@@ -23,6 +23,49 @@ LEAVE_S = 10.0
 ANSWER_S = 10.0  # a guardian that answers no beat for so long is stopped or hung
 
 
+def prove_startable() -> None:
+    """See that a guardian's process can be started; it is given nothing to guard, and leaves.
+
+    Raises
+    ------
+    LinkError
+        If it cannot.
+    """
+    mine, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    try:
+        process = _spawn(theirs, ())
+    finally:
+        theirs.close()
+        mine.close()  # it finds nobody, and so nothing to do
+    try:
+        code = process.wait(START_S)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
+        raise LinkError(f"guardian: did not start in {START_S:g} s") from None
+    if code:
+        raise LinkError(f"guardian: its process ended with code {code} before it had begun")
+
+
+def _spawn(channel: socket.socket, fds: tuple[int, ...]) -> subprocess.Popen[bytes]:
+    """Start the process; `channel` becomes its standard input."""
+    environment = os.environ | {"PYTHONPATH": str(Path(guardian.__file__).parents[2])}
+    environment.pop("NOTIFY_SOCKET", None)  # only the controller speaks for the service
+    try:
+        return subprocess.Popen(
+            [sys.executable, "-m", "thermo.safety.guardian"],
+            stdin=channel.fileno(),
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            start_new_session=True,
+            cwd="/",
+            env=environment,
+            pass_fds=fds,
+        )
+    except OSError as err:
+        raise LinkError(f"guardian: cannot be started: {err.strerror or err}") from None
+
+
 class Guardian:
     """A running guardian; left without `dismiss`, or by dying, it makes the chamber safe.
 
@@ -48,22 +91,11 @@ class Guardian:
         self._sent = self._answered = 0
         self._unanswered_s: float | None = None  # since when a beat waits for its answer
         self._channel, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        environment = os.environ | {"PYTHONPATH": str(Path(guardian.__file__).parents[2])}
-        environment.pop("NOTIFY_SOCKET", None)  # only the controller speaks for the service
         try:
-            self._process = subprocess.Popen(
-                [sys.executable, "-m", "thermo.safety.guardian"],
-                stdin=theirs.fileno(),
-                stdout=subprocess.DEVNULL,
-                stderr=subprocess.DEVNULL,
-                start_new_session=True,
-                cwd="/",
-                env=environment,
-                pass_fds=fds,
-            )
-        except OSError as err:
+            self._process = _spawn(theirs, fds)
+        except LinkError:
             self._channel.close()
-            raise LinkError(f"guardian: cannot be started: {err.strerror or err}") from None
+            raise
         finally:
             theirs.close()
         self._say(replace(charge, result_path=self.result_path, lock_fds=fds).message())

@@ -4,6 +4,9 @@
 
     EndedError            the procedure ends now; caught by `run_test`, never seen above it
     ├── LimitTrippedError     a reading or an alarm outside what the sequence allows
+    │   ├── TooHotError           the chamber or an accelerometer is hotter than its limit
+    │   ├── ChamberAlarmError     the chamber shows an alarm
+    │   └── ForeignChangeError    somebody else changed the chamber
     ├── InstrumentLostError   an instrument failed for longer than the sequence allows
     │   └── ThermistorLostError   an accelerometer's temperature is not known any more
     └── TestInterruptedError  the operator, a signal
@@ -19,6 +22,7 @@ from typing import Literal, Protocol, runtime_checkable
 
 from drivers.devices import SafeResult
 from errormodel.errors import WorkbenchError
+from thermo.store.operation.alarm_kinds import Kind
 from thermo.store.records import ReadingRow
 
 log = logging.getLogger(__name__)
@@ -31,18 +35,43 @@ class EndedError(Exception):
     """The procedure ends here; the message is the one-line reason."""
 
     status: Status = "failed"
+    kind: Kind = "program error"  # of the alarm that tells of it
 
 
 class LimitTrippedError(EndedError):
     """A reading or an alarm is outside what the sequence allows."""
 
+    kind: Kind = "limits"
+
+
+class TooHotError(LimitTrippedError):
+    """The chamber or an accelerometer is hotter than its limit."""
+
+    kind: Kind = "over-temperature"
+
+
+class ChamberAlarmError(LimitTrippedError):
+    """The chamber shows an alarm."""
+
+    kind: Kind = "chamber alarm"
+
+
+class ForeignChangeError(LimitTrippedError):
+    """Somebody else changed the chamber, and the rule is to end."""
+
+    kind: Kind = "foreign change"
+
 
 class InstrumentLostError(EndedError):
     """An instrument failed for longer than the sequence allows."""
 
+    kind: Kind = "link lost"
+
 
 class ThermistorLostError(InstrumentLostError):
     """The temperature of an accelerometer is not known any more, so its limit does not protect."""
+
+    kind: Kind = "sensor"
 
 
 class TestInterruptedError(EndedError):
@@ -50,6 +79,10 @@ class TestInterruptedError(EndedError):
 
     __test__ = False
     status: Status = "interrupted"
+
+    def __init__(self, reason: str, kind: Kind = "aborted") -> None:
+        self.kind = kind
+        super().__init__(reason)
 
 
 class InterferedError(Exception):
@@ -177,19 +210,30 @@ class RunControl:
 
     def __init__(self) -> None:
         self._reason: str | None = None
+        self._kind: Kind = "aborted"
         self._paused = threading.Event()
+        self._why = ""
 
-    def pause(self) -> None:
-        """Hold the schedule and the temperature until `resume`."""
+    def pause(self, why: str = "") -> None:
+        """Hold the schedule and the temperature until `resume`; `why` is told in the event."""
+        self._why = why
         self._paused.set()
 
     def resume(self) -> None:
         """Resume after a pause, by the sequence's rule for gaps."""
         self._paused.clear()
 
-    def abort(self, reason: str = "aborted by the operator") -> None:
-        """End the test safely; the first given reason is kept."""
+    def abort(self, reason: str = "aborted by the operator", kind: Kind = "aborted") -> None:
+        """End the test safely; the first reason given is the one that is kept.
+
+        Parameters
+        ----------
+        reason : str
+        kind : Kind
+            Of the alarm that tells of it: "aborted" by a person, "interrupted" by the system.
+        """
         if self._reason is None:
+            self._kind = kind
             self._reason = reason
 
     @property
@@ -197,10 +241,15 @@ class RunControl:
         """True while the test must pause."""
         return self._paused.is_set()
 
+    @property
+    def why_paused(self) -> str:
+        """Who asked for the pause, and why; empty when nobody said."""
+        return self._why
+
     def check(self) -> None:
         """Raise `TestInterruptedError` when the test is to end."""
         if self._reason is not None:
-            raise TestInterruptedError(self._reason)
+            raise TestInterruptedError(self._reason, self._kind)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -223,7 +272,9 @@ class TestOutcome:
     readings, skipped, flagged : int
         Stored readings of this session, slots without any, and readings stored with a flag.
     complaints : tuple of str
-        Reasons not to trust a test that ran to its end.
+        Why a test that ran to its end is not to be trusted as it is.
+    kind : Kind
+        Of the alarm that tells of the end.
     store_note : str
         One line on the place of readings that are not yet in the store; empty if all are stored.
     """
@@ -239,6 +290,7 @@ class TestOutcome:
     skipped: int = 0
     flagged: int = 0
     complaints: tuple[str, ...] = ()
+    kind: Kind = "program error"
     store_note: str = ""
 
     @property

@@ -30,6 +30,7 @@ from thermo.station.resume_point import ResumePoint, find_resume_point, is_own
 from thermo.station.runs import RunSeries
 from thermo.station.safe_end import clean_up, one_line, safe_json
 from thermo.station.session import Heartbeat, Session, no_heartbeat
+from thermo.store.operation.alarm_kinds import Kind
 from thermo.store.records import NewTest
 from thermo.store.store import Store
 
@@ -44,6 +45,7 @@ class _End:
 
     status: Status = "failed"
     reason: str = "ended without a reason"
+    kind: Kind = "program error"
 
 
 def run_test(
@@ -170,14 +172,16 @@ class _Test:
             if self._session is None:  # the station file is wrong, or the controller is another
                 raise
         except EndedError as err:
-            end.status, end.reason = err.status, one_line(err)
+            end.status, end.reason, end.kind = err.status, one_line(err), err.kind
         except (KeyboardInterrupt, SystemExit) as err:
-            end.status, end.reason = "interrupted", type(err).__name__
+            end.status, end.reason, end.kind = "interrupted", type(err).__name__, "interrupted"
         except (InstrumentError, StoreError) as err:
             end.status, end.reason = "failed", one_line(err)
+            end.kind = "store" if isinstance(err, StoreError) else "link lost"
         except Exception as err:
             log.exception("the test ended because of an error of the program")
             end.status, end.reason = "failed", f"{type(err).__name__}: {one_line(err)}"
+            end.kind = "program error"
 
     # ---- the beginning ----
 
@@ -237,13 +241,16 @@ class _Test:
             heartbeat=self._heartbeat,
         )
         if done.fenced:
-            end.status, end.reason = "failed", done.fenced
+            end.status, end.reason, end.kind = "failed", done.fenced, "guardian"
         if self._runs is not None and end.status == "finished":
             with self._telling(end):
                 end.reason = self._runs.judge()
         if done.chamber.commanded and not done.chamber.verified:
             log.error("the chamber's safe condition is not verified: %s", done.chamber.steps)
         reason = self._record(end, done.chamber)
+        complaints = tuple(session.journal.complaints) if session else ()
+        if end.status == "finished":
+            end.kind = "complaint" if complaints else "finished"
         return TestOutcome(
             test_id=self._test_id,
             status=end.status,
@@ -253,7 +260,8 @@ class _Test:
             readings=session.journal.readings if session else 0,
             skipped=session.journal.skipped if session else 0,
             flagged=session.journal.flagged if session else 0,
-            complaints=tuple(session.journal.complaints) if session else (),
+            complaints=complaints,
+            kind=end.kind,
         )
 
     def _record(self, end: _End, safe: SafeResult) -> str:

@@ -7,11 +7,12 @@ from drivers.devices import ChannelReading
 from thermo.planning.legs import Leg, commanded_c, leg_at
 from thermo.planning.plan import RunPlan
 from thermo.planning.schedule import Schedule
+from thermo.station.approach import go_to, hold_while_paused
 from thermo.station.outcome import InterferedError, ThermistorLostError
 from thermo.station.quality import Quality
 from thermo.station.reading import inputs_of, make_rows
 from thermo.station.resume_point import ResumePoint
-from thermo.station.session import CHECK_S, Session
+from thermo.station.session import Session
 from thermo.station.steering import ChamberProgramme, Head
 from thermo.store.records import ReadingRow
 
@@ -262,15 +263,19 @@ class Run:
     def _pause(self) -> None:
         session = self._session
         began_s, temp_c = session.clock.now_s(), self._commanded_c()
-        session.journal.event("pause", f"schedule held before slot {self._slot}, {temp_c:.2f} °C")
-        hold = partial(session.station.chamber.hold_temp_c, temp_c)
-        told = session.tell_chamber(hold)
+        told = session.tell_chamber(partial(session.station.chamber.hold_temp_c, temp_c))
+        head = "" if self._head.sent_deg is None else f", head at {self._head.sent_deg:g}°"
+        what = f"schedule held before slot {self._slot}, {temp_c:.2f} °C{head}"
         try:
-            while session.control.paused:
-                session.sleep_until(session.clock.now_s() + CHECK_S)
-                told = told or session.tell_chamber(hold)
-                session.look_at_chamber(temp_c)
-                session.show("pause", temp_c, self._left_s(), self._slot, self._segment)
+            hold_while_paused(
+                session,
+                temp_c,
+                what,
+                self._left_s(),
+                told=told,
+                slot=self._slot,
+                segment=self._segment,
+            )
         except InterferedError:
             self._chamber.returning = True
         self._after_pause(began_s)
@@ -331,7 +336,7 @@ class Run:
         self._chamber.returning = False
         self._move_head()
         left_s = self._plan.run_s - leg.start_s + self._rest_s
-        session.go_to(leg.start_c, "resoak", left_s, stay_s=60 * resoak_min)
+        go_to(session, leg.start_c, "resoak", left_s, stay_s=60 * resoak_min)
         # the head is given its settling time before the first slot as before any other
         settle_s = self._plan.sequence.sampling.settle_s
         self._shift_s = self._now_s() + settle_s - leg.start_s

@@ -3,6 +3,7 @@
 from contextlib import suppress
 from datetime import UTC, datetime
 
+from thermo.station.approach import go_to
 from thermo.station.outcome import GO_ON, Decision, InterferedError
 from thermo.station.quality import find_bad_shares
 from thermo.station.resume_point import ResumePoint
@@ -91,7 +92,7 @@ class RunSeries:
         programme = self._plan.sequence.temperature
         self._session.journal.event("approach", f"to {programme.start_c:g} °C")
         stay_s = 60 * programme.start_soak_min
-        self._session.go_to(programme.start_c, "approach", left_s, stay_s=stay_s)
+        go_to(self._session, programme.start_c, "approach", left_s, stay_s=stay_s)
 
     def _rest(self, left_s: float) -> None:
         """Let the accelerometers rest unpowered; the power itself is switched by hand or timer."""
@@ -102,7 +103,7 @@ class RunSeries:
         journal.event(
             "power off", f"rest of {plan.rest_s / 3600:g} h at {plan.rest_temp_c:g} °C begins"
         )
-        self._session.go_to(plan.rest_temp_c, "rest", left_s, until_s=end_s)
+        go_to(self._session, plan.rest_temp_c, "rest", left_s, until_s=end_s)
         journal.event("power on", "the rest is over")
 
     # ---- verdicts ----

@@ -12,6 +12,7 @@ from drivers.opening import Station
 from thermo.planning.plan import Plan
 from thermo.station.journal import Journal
 from thermo.station.outcome import (
+    ForeignChangeError,
     InterferedError,
     LimitTrippedError,
     Phase,
@@ -103,7 +104,7 @@ class Session:
         except LimitError as err:
             raise LimitTrippedError(f"{name} refused: {err}") from err
         except RecognitionError as err:
-            raise LimitTrippedError(str(err)) from err
+            raise ForeignChangeError(str(err)) from err
         except FencedError:
             raise
         except InstrumentError as err:
@@ -147,7 +148,7 @@ class Session:
         if not self._see_changes():
             return False
         if self._changes and self._rule == "end":
-            raise LimitTrippedError(f"somebody else changed the chamber: {self._changes_text()}")
+            raise ForeignChangeError(f"somebody else changed the chamber: {self._changes_text()}")
         return not self._changes or self._rule == "tell"
 
     def tell_head(self, call: Callable[[], None]) -> bool:
@@ -155,12 +156,29 @@ class Session:
         self.head_commanded = True
         return self.tell("head move", call)
 
-    def sleep_until(self, deadline_s: float, *, unless_paused: bool = False) -> bool:
-        """Wait while checking for the operator; False if a pause was requested."""
+    def sleep_until(
+        self, deadline_s: float, *, unless_paused: bool = False, while_paused: bool = False
+    ) -> bool:
+        """Wait, noticing the operator.
+
+        Parameters
+        ----------
+        deadline_s : float
+            s on the clock.
+        unless_paused, while_paused : bool
+            Whether a pause that begins, or is over, cuts it short.
+
+        Returns
+        -------
+        bool
+            False when it was cut short.
+        """
         while True:
             self.beat()
             self.control.check()
-            if unless_paused and self.control.paused:
+            if (while_paused and not self.control.paused) or (
+                unless_paused and self.control.paused
+            ):
                 return False
             now_s = self.clock.now_s()
             if now_s >= deadline_s:
@@ -221,7 +239,7 @@ class Session:
             alarms = self.ask("chamber alarms", self.station.chamber.read_alarms)
             self.watch.alarms(alarms or ())
         if self._changes and self._rule == "end":
-            raise LimitTrippedError(f"somebody else changed the chamber: {self._changes_text()}")
+            raise ForeignChangeError(f"somebody else changed the chamber: {self._changes_text()}")
         if self._changes and self._rule == "pause":
             self._stand_back()
         elif self.chamber_c is not None and commanded_c is not None:
@@ -238,7 +256,7 @@ class Session:
             "pause", f"the test stops commanding the chamber: {self._changes_text()}"
         )
         while self.control.paused:
-            self.sleep_until(self.clock.now_s() + CHECK_S)
+            self.sleep_until(self.clock.now_s() + CHECK_S, while_paused=True)
             self.read_chamber()
             if self.chamber_c is not None:
                 self.watch.chamber(self.chamber_c)
@@ -248,73 +266,6 @@ class Session:
         self._changes = ()
         self._undoing = True  # the next command overwrites them
         raise InterferedError(began_s)
-
-    def go_to(
-        self,
-        temp_c: float,
-        phase: Phase,
-        left_s: float,
-        *,
-        stay_s: float = 0.0,
-        until_s: float = -math.inf,
-    ) -> None:
-        """Bring the chamber to a temperature and hold it there.
-
-        Parameters
-        ----------
-        temp_c : float
-            °C.
-        phase : Phase
-            For the progress.
-        left_s : float
-            Expected rest of the test after this, s.
-        stay_s : float
-            Hold time after it has arrived, s.
-        until_s : float
-            Earliest end of the hold, s on the clock.
-
-        Raises
-        ------
-        LimitTrippedError
-            If it does not arrive within the time of the sequence.
-        """
-        while True:
-            try:
-                self._reach(temp_c, phase, left_s + stay_s)
-                self.foreign = False  # the next step begins at a known temperature
-                end_s = max(until_s, self.clock.now_s() + stay_s)
-                self._stay(temp_c, "soak" if phase == "approach" else phase, end_s, left_s)
-            except InterferedError:
-                continue
-            return
-
-    def _reach(self, temp_c: float, phase: Phase, left_s: float) -> None:
-        programme = self.plan.sequence.temperature
-        deadline_s = self.clock.now_s() + 60 * programme.start_timeout_min
-        told = False
-        while True:
-            if not told:
-                told = self.tell_chamber(lambda: self.station.chamber.hold_temp_c(temp_c))
-            self.look_at_chamber(None)
-            here_c = self.chamber_c
-            self.show(phase, temp_c, left_s)
-            if told and here_c is not None and abs(here_c - temp_c) <= programme.start_tolerance_c:
-                break
-            if self.clock.now_s() >= deadline_s:
-                shown = "unread" if here_c is None else f"{here_c:.2f} °C"
-                raise LimitTrippedError(
-                    f"chamber ({shown}) did not come within {programme.start_tolerance_c:g} °C of "
-                    f"{temp_c:g} °C in {programme.start_timeout_min:g} min"
-                )
-            self.sleep_until(self.clock.now_s() + CHECK_S)
-        self.watch.expect(self.clock.now_s(), 0.0)
-
-    def _stay(self, temp_c: float, phase: Phase, end_s: float, left_s: float) -> None:
-        """Hold the chamber at a temperature for a time while checking it."""
-        while (now_s := self.clock.now_s()) < end_s:
-            self.sleep_until(min(end_s, now_s + CHECK_S))
-            self.look_at_chamber(temp_c)
-            self.show(phase, temp_c, left_s + max(0.0, end_s - self.clock.now_s()))
 
     def show(
         self, phase: Phase, commanded_c: float, left_s: float, slot: int = 0, segment: int = 0

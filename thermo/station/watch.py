@@ -6,7 +6,13 @@ from dataclasses import dataclass, field
 
 from drivers.errors import InstrumentError
 from thermo.planning.plan import Plan
-from thermo.station.outcome import InstrumentLostError, LimitTrippedError, ThermistorLostError
+from thermo.station.outcome import (
+    ChamberAlarmError,
+    InstrumentLostError,
+    LimitTrippedError,
+    ThermistorLostError,
+    TooHotError,
+)
 from thermo.station.quality import STEP_C, Repetition
 
 log = logging.getLogger(__name__)
@@ -81,7 +87,8 @@ class LimitWatch:
         # a chamber at a limit of the sequence overshoots it slightly
         margin = min(self.plan.sequence.limits.max_deviation_c, OVERSHOOT_C)
         if not low - margin <= temp_c <= high + margin:
-            raise LimitTrippedError(
+            kind = TooHotError if temp_c > high else LimitTrippedError
+            raise kind(
                 f"chamber at {temp_c:.1f} °C, more than {margin:g} °C outside {low:g}…{high:g} °C"
             )
 
@@ -140,9 +147,8 @@ class LimitWatch:
             return
         self._hot[serial] = self._hot.get(serial, 0) + 1
         if self._hot[serial] >= CONFIRM:
-            raise LimitTrippedError(
-                f"accelerometer {serial} at {temp_c:.1f} °C, outside {low:g}…{high:g} °C"
-            )
+            kind = TooHotError if temp_c > high else LimitTrippedError
+            raise kind(f"accelerometer {serial} at {temp_c:.1f} °C, outside {low:g}…{high:g} °C")
 
     def _check_lost(self, serial: str, temp_c: float, chamber_c: float) -> None:
         self._lost[serial] = self._lost.get(serial, 0) + 1 if math.isnan(temp_c) else 0
@@ -162,4 +168,4 @@ class LimitWatch:
     def alarms(self, alarms: tuple[str, ...]) -> None:
         """End the test on any alarm of the chamber."""
         if alarms:
-            raise LimitTrippedError(f"chamber alarm: {'; '.join(alarms)}")
+            raise ChamberAlarmError(f"chamber alarm: {'; '.join(alarms)}")

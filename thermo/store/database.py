@@ -21,7 +21,7 @@ from sqlalchemy.exc import ArgumentError, DataError, DBAPIError, IntegrityError,
 
 from errormodel.errors import StoreError
 from thermo.store import schema
-from thermo.store.migration import OLDEST, migrate
+from thermo.store.migration import OLDEST, migrate, tables_since
 from thermo.store.sqlite import look_before_opening, sqlite_engine
 
 log = logging.getLogger(__name__)
@@ -229,9 +229,8 @@ def _make_or_check_tables(engine: sa.Engine, where: str) -> None:
                     f"{where}: schema version {version}, expected {schema.SCHEMA_VERSION}: "
                     "made by another version of this program; nothing was changed"
                 )
-            missing = set(schema.metadata.tables) - names
-            if version < schema.SCHEMA_VERSION:
-                missing -= {schema.schedule_marks.name, schema.signals.name}
+            later = {table.name for table in tables_since(version)}
+            missing = set(schema.metadata.tables) - names - later
             if missing:
                 raise StoreError(f"{where}: damaged: no table {min(missing)}; nothing was changed")
             if version < schema.SCHEMA_VERSION:

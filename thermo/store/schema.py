@@ -1,7 +1,8 @@
-"""The tables. What is only ever added (`_ADD_ONLY`) the database itself refuses to change.
+"""The tables. What is only ever added, or kept for good, the database itself guards.
 
 Version 2 added `signals` and `schedule_marks`; before it marks were events, see
-`thermo.store.migration`.
+`thermo.store.migration`. Version 3 added what people ask of tests and are told of them, used in
+`thermo.store.operation`.
 """
 
 from typing import Any
@@ -9,7 +10,7 @@ from typing import Any
 import sqlalchemy as sa
 from sqlalchemy import event
 
-SCHEMA_VERSION = 2
+SCHEMA_VERSION = 3
 
 metadata = sa.MetaData()
 
@@ -124,14 +125,138 @@ schedule_marks = sa.Table(
     sa.Index("schedule_marks_of_run", "test_id", "run"),
 )
 
-_ADD_ONLY = ("readings", "signals", "voided", "events", "schedule_marks")
+# ---- what people ask of tests, and what they are told
+
+commands = sa.Table(
+    "commands",
+    metadata,
+    sa.Column("id", sa.Integer, primary_key=True),
+    sa.Column("asked_utc", sa.String, nullable=False),
+    sa.Column("who", sa.String, nullable=False),
+    sa.Column("test_id", sa.String, sa.ForeignKey("tests.id"), index=True),
+    sa.Column("action", sa.String, nullable=False),
+    sa.Column("state", sa.String, nullable=False, index=True),
+    sa.Column("taken_utc", sa.String),
+    sa.Column("taken_by", sa.String),
+    sa.Column("answered_utc", sa.String),
+    sa.Column("outcome", sa.Text, nullable=False),
+)
+
+command_arguments = sa.Table(
+    "command_arguments",
+    metadata,
+    sa.Column("command_id", sa.Integer, sa.ForeignKey("commands.id"), primary_key=True),
+    sa.Column("name", sa.String, primary_key=True),
+    sa.Column("kind", sa.String, nullable=False),
+    sa.Column("text", sa.Text),
+    sa.Column("number", sa.Double),
+)
+
+controllers = sa.Table(
+    "controllers",
+    metadata,
+    sa.Column("test_id", sa.String, sa.ForeignKey("tests.id"), primary_key=True),
+    sa.Column("host", sa.String, nullable=False),
+    sa.Column("pid", sa.Integer, nullable=False),
+    sa.Column("pid_start", sa.BigInteger),
+    sa.Column("began_utc", sa.String, nullable=False),
+    sa.Column("beat_utc", sa.String, nullable=False),
+    sa.Column("state", sa.String, nullable=False),
+    sa.Column("phase", sa.String, nullable=False),
+    sa.Column("run", sa.Integer, nullable=False),
+    sa.Column("runs", sa.Integer, nullable=False),
+    sa.Column("slot", sa.Integer, nullable=False),
+    sa.Column("slots", sa.Integer, nullable=False),
+    sa.Column("segment", sa.Integer, nullable=False),
+    sa.Column("time_s", sa.Double, nullable=False),
+    sa.Column("left_s", sa.Double, nullable=False),
+    sa.Column("end_utc", sa.String),
+    sa.Column("speed", sa.Double),
+    sa.Column("commanded_c", sa.Double),
+    sa.Column("chamber_c", sa.Double),
+    sa.Column("position_deg", sa.Double),
+    sa.Column("lateness_s", sa.Double),
+    sa.Column("max_lateness_s", sa.Double),
+    sa.Column("link", sa.Text, nullable=False),
+    sa.Column("guardian", sa.Text, nullable=False),
+    sa.Column("store", sa.Text, nullable=False),
+    sa.Column("last_fault", sa.Text, nullable=False),
+)
+
+planned_tests = sa.Table(
+    "planned_tests",
+    metadata,
+    sa.Column("id", sa.Integer, primary_key=True),
+    sa.Column("planned_utc", sa.String, nullable=False),
+    sa.Column("planned_by", sa.String, nullable=False),
+    sa.Column("name", sa.String, nullable=False),
+    sa.Column("sequence_toml", sa.Text, nullable=False),
+    sa.Column("station_json", sa.Text),
+    sa.Column("speed", sa.Double),
+    sa.Column("after_id", sa.Integer, sa.ForeignKey("planned_tests.id")),
+    sa.Column("state", sa.String, nullable=False, index=True),
+    sa.Column("armed_utc", sa.String),
+    sa.Column("armed_by", sa.String),
+    sa.Column("test_id", sa.String, sa.ForeignKey("tests.id")),
+    sa.Column("changed_utc", sa.String, nullable=False),
+    sa.Column("outcome", sa.Text, nullable=False),
+)
+
+alarms = sa.Table(
+    "alarms",
+    metadata,
+    sa.Column("id", sa.Integer, primary_key=True),
+    sa.Column("test_id", sa.String, sa.ForeignKey("tests.id"), index=True),
+    sa.Column("kind", sa.String, nullable=False),
+    sa.Column("text", sa.Text, nullable=False),
+    sa.Column("raised_utc", sa.String, nullable=False),
+    sa.Column("times", sa.Integer, nullable=False),
+    sa.Column("last_utc", sa.String, nullable=False),
+    sa.Column("acknowledged_utc", sa.String),
+    sa.Column("acknowledged_by", sa.String),
+)
+
+notices = sa.Table(
+    "notices",
+    metadata,
+    sa.Column("id", sa.Integer, primary_key=True),
+    sa.Column("alarm_id", sa.Integer, sa.ForeignKey("alarms.id")),
+    sa.Column("kind", sa.String, nullable=False),
+    sa.Column("text", sa.Text, nullable=False),
+    sa.Column("entered_utc", sa.String, nullable=False),
+    sa.Column("state", sa.String, nullable=False, index=True),
+    sa.Column("tries", sa.Integer, nullable=False),
+    sa.Column("next_utc", sa.String, nullable=False),
+    sa.Column("delivered", sa.Text, nullable=False),
+    sa.Column("last_error", sa.Text, nullable=False),
+    sa.Column("sent_utc", sa.String),
+)
+
+# the tables that each version added
+ADDED = {
+    2: (schedule_marks, signals),
+    3: (commands, command_arguments, controllers, planned_tests, alarms, notices),
+}
+
+_ADD_ONLY = ("readings", "signals", "voided", "events", "schedule_marks", "command_arguments")
+# rows that stay for good, and the columns of them that never change
+_KEPT = {
+    "commands": ("id", "asked_utc", "who", "test_id", "action"),
+    "planned_tests": ("id", "planned_utc", "planned_by", "sequence_toml", "station_json"),
+    "alarms": ("id", "test_id", "kind", "text", "raised_utc"),
+    "notices": ("id", "alarm_id", "kind", "text", "entered_utc"),
+}
 
 
-def _guard(table: sa.Table) -> None:
+def _guard(table: sa.Table, columns: tuple[str, ...] = ()) -> None:
+    """Have the database refuse to delete rows, and to change them or these columns of them."""
     refusal = f"{table.name} are only added, never changed"
-    for action in ("UPDATE", "DELETE"):
+    if columns:
+        refusal = f"{table.name} are kept for good, {', '.join(columns)} as they were entered"
+    update = f"UPDATE OF {', '.join(columns)}" if columns else "UPDATE"
+    for name, action in (("update", update), ("delete", "DELETE")):
         trigger = sa.DDL(
-            f"CREATE TRIGGER {table.name}_no_{action.lower()} BEFORE {action} ON {table.name} "
+            f"CREATE TRIGGER {table.name}_no_{name} BEFORE {action} ON {table.name} "
             f"BEGIN SELECT RAISE(ABORT, '{refusal}'); END"
         )
         event.listen(table, "after_create", trigger.execute_if(dialect="sqlite"))
@@ -140,7 +265,7 @@ def _guard(table: sa.Table) -> None:
         f"$$ BEGIN RAISE EXCEPTION '{refusal}'; END $$"
     )
     trigger = sa.DDL(
-        f"CREATE TRIGGER {table.name}_add_only BEFORE UPDATE OR DELETE OR TRUNCATE ON "
+        f"CREATE TRIGGER {table.name}_add_only BEFORE {update} OR DELETE OR TRUNCATE ON "
         f"{table.name} FOR EACH STATEMENT EXECUTE FUNCTION {table.name}_add_only()"
     )
     for ddl in (function, trigger):
@@ -149,3 +274,5 @@ def _guard(table: sa.Table) -> None:
 
 for _name in _ADD_ONLY:
     _guard(metadata.tables[_name])
+for _name, _columns in _KEPT.items():
+    _guard(metadata.tables[_name], _columns)

@@ -20,7 +20,6 @@ from thermo.store import schema
 
 BUSY_TIMEOUT_S = 30.0
 CHECKPOINT_WAIT_S = 0.2  # for readers, at each try of a checkpoint
-MAGIC = b"SQLite format 3\0"
 
 Identity = tuple[tuple[int, int] | None, tuple[int, int] | None]
 
@@ -32,6 +31,10 @@ def companion_path(path: Path, suffix: str) -> Path:
 
 def look_before_opening(path: Path, *, existing: bool) -> None:
     """Refuse a file that is not a sound store, and leave it as it is.
+
+    The file is looked at through SQLite alone: were it opened and closed besides, every lock would
+    go that this process holds on it by another connection, and another process could then take
+    the write-ahead log away from under it.
 
     Parameters
     ----------
@@ -51,19 +54,19 @@ def look_before_opening(path: Path, *, existing: bool) -> None:
         size = path.stat().st_size if path.exists() else 0
         if size == 0 and existing:
             raise StoreError(f"{path}: an empty file, expected a store")
-        if size == 0:
-            return
-        with open(path, "rb") as file:
-            magic = file.read(len(MAGIC))
     except OSError as err:
         raise StoreError(f"{path}: cannot be read: {err.strerror}") from None
-    if magic != MAGIC:
-        raise StoreError(f"{path}: not a store (no SQLite file); nothing was changed")
+    if size == 0:
+        return
+    if not os.access(path, os.R_OK):
+        raise StoreError(f"{path}: cannot be read: permission denied")
     try:
         with _looking(path) as db:
             verdict = str(db.execute("PRAGMA quick_check(1)").fetchone()[0])
             tables = {row[0] for row in db.execute("SELECT name FROM sqlite_master")}
     except sqlite3.Error as err:
+        if getattr(err, "sqlite_errorcode", None) == sqlite3.SQLITE_NOTADB:
+            raise StoreError(f"{path}: not a store (no SQLite file); nothing was changed") from None
         verdict, tables = str(err), set[str]()
     if verdict != "ok":
         line = (verdict.splitlines() or ["no reason given"])[0]

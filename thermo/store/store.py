@@ -7,7 +7,8 @@ answer.
 """
 
 import secrets
-from collections.abc import Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
@@ -91,6 +92,12 @@ class Store(StoreReader):
             return True
         with store_errors(self._where):
             return checkpoint(self._engine, tries)
+
+    @contextmanager
+    def changing(self) -> Generator[sa.Connection]:
+        """Give a connection on which everything is changed together or not at all."""
+        with store_errors(self._where), self._engine.begin() as connection:
+            yield connection
 
     def note(self) -> str:
         """Return where readings are that are not in this store, a line; empty: nowhere else."""

@@ -19,6 +19,8 @@ from accelbench.shell.outputs import force_option, json_option
     "--take-over", is_flag=True, help="Take over a chamber that is in use or switched off."
 )
 @click.option("--dry-run", is_flag=True, help="Print the plan without running it.")
+@click.option("--detach", is_flag=True, help="Run it in a process of its own and print its id.")
+@click.option("--notify", type=Path, help="File with [notify]: who is told of alarms.")
 @click.option("--out", type=Path, help="Recorded run to write at the end.")
 @click.option("--model", type=Path, help="TERMS.toml: the terms of the live estimate.")
 @click.option(
@@ -36,7 +38,8 @@ def run(**given: Any) -> int:
     However it ends, the chamber is put into its safe condition and that is verified. Exit code 1:
     it ended early, a ramp was not uniform, an accelerometer has not settled in the cycles of a
     run-in, there is a complaint of the readings, or the safe condition is not verified. A chamber
-    that somebody else uses is refused (exit code 2) unless --take-over says so. In Python:
+    that somebody else uses is refused (exit code 2) unless --take-over says so. With --detach the
+    test goes on without this terminal: accelbench control acts on it. In Python:
     accelbench.run_on_station, accelbench.run_emulated.
     """
     from accelbench.commands.run.work import run as work

@@ -16,11 +16,14 @@ from accelbench.shell.console import emit
 from accelbench.shell.outputs import checked_run_output, prove_writable
 from accelbench.shell.progress import working
 from accelbench.shell.surroundings import current_shell
-from drivers.clock import Clock, ScaledClock, SteppedClock
+from drivers.clock import Clock
 from drivers.errors import InstrumentError
 from errormodel.errors import InputError, WorkbenchError
 from thermo.fitting.terms_wanted import TermsFile, read_terms
+from thermo.launch.clocks import clock_of
+from thermo.launch.detached import start_detached
 from thermo.launch.emulated import run_emulated
+from thermo.launch.notify import NoticeSender, read_notify
 from thermo.launch.real import load_station, run_on_station
 from thermo.planning.sequence import Sequence as TestSequence
 from thermo.planning.sequence import load_sequence
@@ -47,6 +50,8 @@ def run(
     resume: str | None,
     take_over: bool,
     dry_run: bool,
+    detach: bool,
+    notify: Path | None,
     out: Path | None,
     model: Path | None,
     speed: float | None,
@@ -58,11 +63,13 @@ def run(
     shell = current_shell()
     if not dry_run:
         shell.terminal.detach()
+    if detach and (dry_run or out is not None or model is not None):
+        raise click.UsageError("--detach goes without --dry-run, --out and --model")
     inputs = [p for p in (sequence, station, model) if p is not None]
     if out is not None:
         checked_run_output(out, inputs, force=force)
     job = _job(sequence, station, store, resume)
-    clock = _clock(job, speed)
+    clock = clock_of(job, speed)
     if dry_run:
         with working("foreseeing the test"):
             foreseen = foresee_plan(job.plan)
@@ -71,10 +78,14 @@ def run(
     _check_store(store)
     for line in mounting_lines(job.sequence):
         click.echo(f"mounting: {line}", err=True)
+    if detach:
+        return _detach(job, speed, notify, take_over=take_over, as_json=as_json)
+    sender = NoticeSender(store, read_notify(notify))
     live = live_estimate(job.sequence, model)
     shell.late_signals.install()
     with watching(job.plan.total_s, live) as watch:
-        outcome = _run(job, clock, watch.observers, take_over=take_over)
+        outcome = _run(job, clock, watch.observers, sender, take_over=take_over)
+    sender.close()
     after = _afterwards(job, outcome, out)
     where = display_url(parse_store_url(store))
     document = run_document(outcome, after, where, live)
@@ -121,17 +132,6 @@ def _job(path: Path | None, station: Path | None, store: str, resume: str | None
     return make_job(given, store, config, source=str(path))
 
 
-def _clock(job: Job, speed: float | None) -> Clock:
-    if job.emulated:
-        return SteppedClock() if speed is None else ScaledClock(speed)
-    emulation = job.station.emulation
-    if speed is not None and emulation is None:
-        raise click.UsageError(
-            "--speed is for emulated instruments; the station file has no [emulation]"
-        )
-    return ScaledClock(speed or (emulation.speed if emulation else 1.0))
-
-
 def _check_store(store: str) -> None:
     path = _file_of(store)
     if path is None:
@@ -141,12 +141,47 @@ def _check_store(store: str) -> None:
     prove_writable(path)
 
 
-def _run(job: Job, clock: Clock, observers: Sequence[Observer], *, take_over: bool) -> TestOutcome:
-    path = _file_of(job.store_url)
+def _detach(
+    job: Job, speed: float | None, notify: Path | None, *, take_over: bool, as_json: bool
+) -> int:
+    """Start the test in a process of its own."""
+    read_notify(notify)  # what is wrong with it is told here
+    with _no_empty_store_left(job.store_url):
+        started = start_detached(job, speed=speed, take_over=take_over, notify=notify)
+    where = display_url(parse_store_url(job.store_url))
+    abort = shlex.join(["control", "abort", started.test_id, "--store", where])
+    document = {"test_id": started.test_id, "pid": started.pid, "store": where, "detached": True}
+    lines = [f"test {started.test_id} runs in process {started.pid}", f"accelbench {abort} ends it"]
+    emit(document, lines, as_json=as_json)
+    return DONE
+
+
+def _run(
+    job: Job,
+    clock: Clock,
+    observers: Sequence[Observer],
+    sender: NoticeSender,
+    *,
+    take_over: bool,
+) -> TestOutcome:
+    run_job = run_emulated if job.emulated else run_on_station
+    with _no_empty_store_left(job.store_url):
+        return run_job(
+            job,
+            clock=clock,
+            observers=observers,
+            take_over=take_over,
+            on_begun=lambda _: sender.start(),
+        )
+
+
+@contextmanager
+def _no_empty_store_left(store_url: str) -> Generator[None]:
+    """Take a store away again that was made for a test which could not be begun."""
+    path = _file_of(store_url)
     is_new = path is not None and not path.exists()
     try:
-        run_job = run_emulated if job.emulated else run_on_station
-        return run_job(job, clock=clock, observers=observers, take_over=take_over)
+        yield
     except (InstrumentError, WorkbenchError):
         if path is not None and is_new:
             _forget_empty(path)
@@ -159,7 +194,7 @@ def _file_of(store: str) -> Path | None:
 
 
 def _forget_empty(path: Path) -> None:
-    """Take away a store that was made for a test which could not be begun."""
+    """Take a store without any test away."""
     if not path.is_file():
         return
     with open_existing_store(path) as store:

@@ -261,6 +261,11 @@ class SpooledStore(BypassedStore):
             )  # fmt: skip
         return self.note()
 
+    @property
+    def trouble(self) -> str:
+        """Why writes do not go into the store now; empty: they do. Never waits for anybody."""
+        return "" if self._through.is_set() else self._why
+
     def note(self) -> str:
         """Return where readings are that are not in this store, a line; empty: nowhere else."""
         spooled = ""

@@ -1,0 +1,1 @@
+"""`accelbench control`: pause, resume and abort a running test; alarms, queue, notices."""
