@@ -86,5 +86,5 @@ def test_a_package_of_somebody_else_is_told_in_one_line(tmp_path: Path) -> None:
     )  # fmt: skip
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1
-    assert "package thermo is somebody else's" in done.stderr
+    assert "package thermo is a different package" in done.stderr
     assert "pipx install accelbench" in done.stderr

@@ -126,7 +126,7 @@ def test_a_coefficient_without_effect_is_refused_by_name(record) -> None:
 def test_misuse_is_refused(model, record, truth) -> None:
     with pytest.raises(ValueError, match="one measured output"):
         fit(model, record)
-    with pytest.raises(ValueError, match="cannot give"):
+    with pytest.raises(ValueError, match="cannot determine"):
         fit(model, measured(record, model.simulate(record, truth)).take(np.arange(4)))
     with pytest.raises(ValueError, match="outputs of shape"):
         fit_many(model, record)

@@ -51,7 +51,7 @@ def test_each_run_starts_a_memory_anew(record) -> None:
 
 
 def test_a_name_cannot_stand_twice(model) -> None:
-    with pytest.raises(ValueError, match="bias stands twice"):
+    with pytest.raises(ValueError, match="bias is listed twice"):
         model.with_terms(linear_term("bias", "input", "x"))
 
 

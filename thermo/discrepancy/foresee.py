@@ -80,7 +80,7 @@ def foresee_effects(
     both = np.minimum(found.imitated, found.imitated.T)
     at = [found.names.index(n) for n in names]
     return EffectsForeseen(
-        invisible=tuple(e.name for e in effects if e.name not in names),
+        invisible=tuple(e.name for e in effects if e.name not in names and not e.changes),
         alike=tuple(
             (names[i], names[j])
             for i in range(len(names))

@@ -5,6 +5,7 @@ sentences, the experiments that isolate them and an example for the emulator. Th
 the modules; a user file is a further member while a command runs.
 """
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -71,6 +72,12 @@ class ThermalLibrary:
         """Description of every coefficient and nonlinear parameter, by its name."""
         made = (make() for make in self.terms.values())
         return {u.name: u for t in made for u in (*t.coefficients, *t.parameters)}
+
+    @property
+    def _listed(self) -> tuple[str, ...]:
+        """The names of the terms, those of a run or a mounting once for all their numbers."""
+        numbered = r"(turn_on_offset|remount)_\d+$"
+        return tuple(dict.fromkeys(re.sub(numbered, r"\1_N", name) for name in self.terms))
 
     def term(self, name: str) -> Effect:
         """Return a term by its name.

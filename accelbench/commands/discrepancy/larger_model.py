@@ -50,7 +50,7 @@ def _separable(d: Discrepancy, fitted: Fitted) -> tuple[str, ...]:
             t
             for t in terms[len(d.before.model.terms) :]
             if isinstance(t, Term)
-            and any(c.name in group for c in t.coefficients for group in lost)
+            and any(u.name in group for u in (*t.coefficients, *t.parameters) for group in lost)
         ]
         if not added:
             return tuple(t.name for t in terms)

@@ -106,9 +106,9 @@ def test_the_map_is_the_identity_within_its_sigmas():
         (lambda r: {"accel": r.accel / 9.80665e-3}, "it is in mg, expected m/s²"),
         (lambda r: {"accel": r.accel * 0.01}, "it is an increment over a step"),
         (lambda r: {"accel": r.accel / 0.01}, "it is a force, expected increments"),
-        (lambda r: {"gyro": r.gyro[:, [1, 0, 2]]}, "most simply gyro axes x, y swapped"),
-        (lambda r: {"gyro": r.gyro * [1, 1, -1]}, "most simply gyro z reversed"),
-        (lambda r: {"gyro": -r.gyro}, "most simply all gyros reversed"),
+        (lambda r: {"gyro": r.gyro[:, [1, 0, 2]]}, "simplest explanation: gyro axes x, y swapped"),
+        (lambda r: {"gyro": r.gyro * [1, 1, -1]}, "simplest explanation: gyro z reversed"),
+        (lambda r: {"gyro": -r.gyro}, "simplest explanation: all gyros reversed"),
         (lambda r: {"accel": r.accel[:, [0, 2, 1]]}, "accelerometer axes y, z swapped"),
         (lambda r: {"accel": r.accel * [1, -1, 1]}, "accelerometer y reversed"),
         (

@@ -118,7 +118,10 @@ def test_the_lines_of_the_reference_serve_a_model_without_input() -> None:
 
 def test_every_predictive_term_of_the_library_is_tried() -> None:
     tried = {*PLAIN, *REMEMBERING, *TWO_POLES, *MORE}
-    assert {n for n, make in thermal_library().terms.items() if make().predictive} <= tried
+    predictive = {n for n, make in thermal_library().terms.items() if make().predictive}
+    page = PAGE.read_text(encoding="utf-8")
+    not_covered = page.partition("These lines do not cover")[2].partition("```")[0]
+    assert {n for n in predictive - tried if f"`{n}`" not in not_covered} == set()
 
 
 def test_one_reading_at_a_time_is_the_whole_file_or_is_refused() -> None:

@@ -50,7 +50,7 @@ def test_it_can_be_traced(models, runs) -> None:
         (lambda d: d["accelerometers"][0].update(covariance=[[1.0]]), "covariance"),
         (lambda d: d.update(surprise=1), "surprise"),
         (lambda d: d.update(accelerometers=[]), "accelerometers"),
-        (lambda d: d["accelerometers"].append(d["accelerometers"][0]), "stands twice"),
+        (lambda d: d["accelerometers"].append(d["accelerometers"][0]), "listed twice"),
     ],
 )
 def test_a_damaged_file_is_refused_by_name(models, tmp_path, change, message) -> None:

@@ -150,7 +150,7 @@ def test_a_terms_file_is_checked(tmp_path) -> None:
     with pytest.raises(InputError, match=r"terms\.toml: terms: no term 'k9'; expected some of k1"):
         read_terms(path)
     path.write_text('terms = ["k0", "k0"]')
-    with pytest.raises(InputError, match="stands twice"):
+    with pytest.raises(InputError, match="listed twice"):
         read_terms(path)
 
 

@@ -162,7 +162,7 @@ def test_a_mounting_that_the_forces_deny_is_refused(tmp_path):
     with pytest.raises(InputError) as caught:
         read_runs([path])
     assert caught.value.place == "line 3"
-    assert "turned by 0.0°" in caught.value.problem
+    assert "rotated by 0.0°" in caught.value.problem
 
 
 def test_flags(tmp_path):

@@ -131,7 +131,7 @@ def test_where_nothing_slow_is_assumed_the_stop_comes_earlier_and_says_so() -> N
     assert wary.settled_if_nothing_slow > 0.95
     assert wary.needed_if_nothing_slow == (0, 0)
     assert wary.cycles_needed[1] is None or wary.cycles_needed[1] > 10
-    assert "0 if nothing slower than the relaxation goes on" in wary.sentence
+    assert "0 if there is no process slower than the relaxation" in wary.sentence
     trusting = judge_run_in("S", series, nothing_slow=True)
     assert trusting.settled
     assert "if there is no process slower than the relaxation (assumed)" in trusting.sentence

@@ -97,7 +97,7 @@ def test_a_guardian_that_died_watching_is_told_as_no_protection(tmp_path: Path) 
     assert read is not None
     assert not read.alive
     assert read.needs_help
-    assert "nobody has made the chamber safe" in read.text
+    assert "the chamber has not been made safe" in read.text
 
 
 @pytest.mark.parametrize("text", ["", "{torn", "[]", "17", '{"why": 1}', "\0" * 9000])

@@ -176,7 +176,7 @@ def test_a_run_at_one_temperature_gives_what_it_can() -> None:
     assert k0.run_ids == ("r0", "r1", "r2", "still")
     assert k0_t2.run_ids == ("r0", "r1", "r2")
     assert k0.values[3] == pytest.approx(PLAIN["k0"], abs=4 * k0.sigmas[3])
-    assert any("run still cannot give" in n and "k0_t2" in n for n in one.notes)
+    assert any("run still cannot determine" in n and "k0_t2" in n for n in one.notes)
 
 
 def test_holds_have_an_allan_deviation() -> None:

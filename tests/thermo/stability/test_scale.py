@@ -67,4 +67,4 @@ def test_noise_is_as_fit_tells_it_and_without_k1_the_scale_is_said_to_be_nominal
     )
     (unscaled,) = judge_stability(blind).accelerometers
     assert not unscaled.runs.scale_fitted
-    assert any("over the nominal scale" in note for note in unscaled.notes)
+    assert any("use the nominal scale factor" in note for note in unscaled.notes)

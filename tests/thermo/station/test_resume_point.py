@@ -176,7 +176,7 @@ def test_a_finished_test_cannot_be_resumed(short, station, store, world):
 def test_another_sequence_is_refused(short, edit_sequence, station, store, world):
     test_id = interrupted(short, station, store, world, 5)
     other = edit_sequence(("period_s = 15.0", "period_s = 20.0"))
-    with pytest.raises(StoreError, match="another sequence"):
+    with pytest.raises(StoreError, match="different sequence"):
         run_test(other, station, store, world.clock, resume=test_id)
 
 

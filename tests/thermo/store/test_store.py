@@ -150,7 +150,7 @@ def test_an_abandoned_attempt_stays_and_does_not_count(store_url, tmp_path):
         assert store.mark_attempt(test_id, 1, 1) == 2
         assert store.mark_attempt(test_id, 1, 1) == 2
         assert store.mark_attempt(test_id, 1, 7) == 1
-        with pytest.raises(StoreError, match="attempt 1 at segment 1 was given up"):
+        with pytest.raises(StoreError, match="attempt 1 at segment 1 was abandoned"):
             store.append(test_id, 1, scan(4, segment=1))
         for slot in (2, 3):
             again = scan(slot, attempt=2, segment=1)

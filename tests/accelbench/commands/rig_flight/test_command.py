@@ -107,7 +107,7 @@ def test_pictures_and_words(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
 @pytest.mark.parametrize(
     ("document", "complaint"),
     [
-        ("{", "no JSON"),
+        ("{", "not JSON"),
         ("[]", "expected an object"),
         ('{"names": ["gyro_bias_x"]}', "covariance: is missing"),
         ('{"names": "gyro_bias_x", "covariance": [[1]]}', "expected a list"),

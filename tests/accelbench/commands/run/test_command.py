@@ -226,7 +226,7 @@ def test_a_sequence_other_than_the_one_begun_is_refused(refused, done, tmp_path)
     shutil.copy(folder / "s.sqlite", tmp_path / "s.sqlite")
     other = ROOT / "examples/sequences/short.toml"
     resume = ("--resume", document["test_id"], "--store", tmp_path / "s.sqlite")
-    assert "begun with" in refused("run", other, *resume)
+    assert "is a different sequence from that of test" in refused("run", other, *resume)
 
 
 def test_emulate_serves_until_it_is_stopped(tmp_path):

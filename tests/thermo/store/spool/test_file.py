@@ -103,7 +103,7 @@ def test_what_the_store_refuses_stays_in_the_spool_and_is_told(file, folder, cap
         recover(store, folder)
         frame = store.readings(test_id)
         assert frame["output"].tolist() == [9.0] * 3 + [1 / 3 + 1] * 3
-    assert "does not take 1 entries" in caplog.text
+    assert "refuses 1 entries" in caplog.text
     (spool,) = spools(folder)
     kept = SpoolFile(spool)
     assert kept.count() == (0, 1)
