@@ -5,7 +5,7 @@ sentences, the experiments that isolate them and an example for the emulator. Th
 the modules; a user file is a further member while a command runs.
 """
 
-import re
+import difflib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -73,11 +73,9 @@ class ThermalLibrary:
         made = (make() for make in self.terms.values())
         return {u.name: u for t in made for u in (*t.coefficients, *t.parameters)}
 
-    @property
-    def _listed(self) -> tuple[str, ...]:
-        """The names of the terms, those of a run or a mounting once for all their numbers."""
-        numbered = r"(turn_on_offset|remount)_\d+$"
-        return tuple(dict.fromkeys(re.sub(numbered, r"\1_N", name) for name in self.terms))
+    def _nearest(self, name: str) -> list[str]:
+        """Return the names most like one, or the first."""
+        return difflib.get_close_matches(name, self.terms, n=8, cutoff=0.4) or list(self.terms)[:8]
 
     def term(self, name: str) -> Effect:
         """Return a term by its name.
@@ -85,11 +83,11 @@ class ThermalLibrary:
         Raises
         ------
         KeyError
-            If there is none; the message lists the names.
+            If there is none; the message has the nearest names.
         """
         if name not in self.terms:
             raise KeyError(
-                f"no term {name!r}; expected some of {', '.join(self.terms)}; a definition of "
+                f"no term {name!r}; expected one like {', '.join(self._nearest(name))}; a definition of "
                 f"your own needs --library FILE"
             )
         return self.terms[name]()
@@ -162,6 +160,6 @@ def term(name: str) -> Effect:
     Raises
     ------
     KeyError
-        If there is none; the message lists the names.
+        If there is none; the message has the nearest names.
     """
     return thermal_library().term(name)

@@ -24,7 +24,7 @@ def list_(**given: Any) -> None:
     """Show running tests, open alarms, the queue and the newest commands.
 
     What a controller that is gone has left behind is seen to first. In Python:
-    thermo.store.operation.
+    thermo.store.operation.controllers.list_beats.
     """
     from accelbench.commands.control.work import list_ as work
 

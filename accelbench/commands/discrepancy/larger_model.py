@@ -33,7 +33,8 @@ def larger_terms(d: Discrepancy) -> TermsFile:
 
 def _terms(d: Discrepancy, fitted: Fitted) -> TermsFile:
     names = _separable(d, fitted)
-    start = {p.name: fitted.values[p.name] for p in fitted.model.parameters}
+    kept = (t for t in fitted.model.terms if t.name in names)
+    start = {p.name: fitted.values[p.name] for t in kept for p in t.parameters}
     return TermsFile(terms=names, t_ref_c=d.t_ref_c, start=start)
 
 

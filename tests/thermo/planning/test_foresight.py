@@ -78,7 +78,7 @@ def test_more_runs_show_more() -> None:
 def test_of_effects_what_positions_every_45_degrees_leave_open_is_said() -> None:
     every_45 = tuple(45.0 * k for k in range(8))
     plain = foresee_effects(plan_like(0, every_45))
-    assert plain.invisible == ()
+    assert plain.invisible == ("daily_period",)  # of runs that take half a day
     # −2 sin θ cos² θ is sin 2θ · cos θ: the head's harmonic, unless mounted turned
     assert plain.alike == (("third_order", "indexer_harmonic"),)
     assert foresee_effects(plan_like(0, every_45), mount_deg=45.0).alike == ()
