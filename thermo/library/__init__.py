@@ -87,8 +87,8 @@ class ThermalLibrary:
         """
         if name not in self.terms:
             raise KeyError(
-                f"no term {name!r}; expected one like {', '.join(self._nearest(name))}; a definition of "
-                f"your own needs --library FILE"
+                f"no term {name!r}; expected one like {', '.join(self._nearest(name))}; a "
+                "definition of your own needs --library FILE"
             )
         return self.terms[name]()
 
