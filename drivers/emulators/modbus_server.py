@@ -64,6 +64,7 @@ class ModbusServer:
         self._path = path
         self._stop = threading.Event()
         self._threads: list[threading.Thread] = []
+        self._spawning = threading.Lock()
         self._wake: tuple[int, int] | None = None  # a pipe that becomes readable at the end
         self._listener: socket.socket | None = None
         self._pty: PseudoTerminal | None = None
@@ -93,8 +94,8 @@ class ModbusServer:
         self._stop.set()
         if self._wake is not None:
             os.write(self._wake[1], b"!")
-            while self._threads:
-                self._threads.pop().join()
+            while (thread := self._newest()) is not None:
+                thread.join()
             for end in self._wake:
                 os.close(end)
             self._wake = None
@@ -104,10 +105,15 @@ class ModbusServer:
             self._pty.close()
 
     def _spawn(self, target: Callable[..., None], *args: object) -> None:
-        thread = threading.Thread(target=target, args=args, daemon=True)
-        self._threads = [t for t in self._threads if t.is_alive()]
-        self._threads.append(thread)
-        thread.start()
+        # a client may be let in while another thread ends the serving
+        with self._spawning:
+            thread = threading.Thread(target=target, args=args, daemon=True)
+            thread.start()
+            self._threads = [*(t for t in self._threads if t.is_alive()), thread]
+
+    def _newest(self) -> threading.Thread | None:
+        with self._spawning:
+            return self._threads.pop() if self._threads else None
 
     def _readable(self, port: int, patience_s: float | None = None) -> bool:
         """Wait for bytes; False after `patience_s` without any, and when serving is over."""
