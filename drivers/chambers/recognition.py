@@ -26,7 +26,9 @@ BEYOND_LIMITS_C = 10.0  # an overshoot, or a chamber coming back from outside it
 # No sensor resolves a microkelvin and nobody sets one: such a number is a float with its halves
 # swapped, whose exponent is made of bits that were the mantissa's last.
 SMALLEST_C = 1e-6
-NARROWEST_C = 1.0  # between the set point limits of a chamber that goes anywhere
+# Between the set point limits of a chamber that goes anywhere. Whole tenths up to 300 °C whose
+# words come in the other order are within 2.01 °C of zero: such limits are never taken for limits.
+NARROWEST_C = 5.0
 
 
 def find_problem(limits_c: tuple[float, float] | None, shown_c: Mapping[str, float]) -> str:
@@ -57,7 +59,8 @@ def find_problem(limits_c: tuple[float, float] | None, shown_c: Mapping[str, flo
         return ""
     lo, hi = limits_c
     if not hi - lo >= NARROWEST_C:
-        return f"set point limits {lo:g} and {hi:g}, expected low below high"
+        apart = f"the high {NARROWEST_C:g} °C above the low"
+        return f"set point limits {lo:g} and {hi:g}, expected {apart}"
     temp_c = shown_c.get("temperature", lo)
     coldest = min(lo - BEYOND_LIMITS_C, ROOM_C.lo)
     hottest = max(hi + BEYOND_LIMITS_C, ROOM_C.hi)

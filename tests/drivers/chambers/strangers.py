@@ -34,7 +34,7 @@ STRANGERS = {
     "F4 without a unit": (ForeignF4, {"without": [901]}, None, {}, "units at 901: refused"),
     "F4 without a limit": (ForeignF4, {"without": [603]}, None, {}, "at 603: refused"),
     "F4 with limits the wrong way round": (
-        ForeignF4, {"limits_c": (180.0, -70.0)}, None, {}, "expected low below high"),
+        ForeignF4, {"limits_c": (180.0, -70.0)}, None, {}, "expected the high 5 °C above the low"),
     "F4 with a limit that is none": (ForeignF4, {}, odd(603, 9999), {}, "limit 999.9, expected"),
     "F4 with a broken sensor": (ForeignF4, {}, odd(100, 9999), {}, "temperature 999.9, expected"),
     "F4 too hot for its limits": (

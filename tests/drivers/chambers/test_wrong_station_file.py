@@ -3,7 +3,7 @@
 import contextlib
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from drivers.chambers import watch as chamber_watch
@@ -74,9 +74,11 @@ def test_no_write_leaves_for_any_wrong_scale_unit_or_word_order(case):
 
 @given(
     lo=st.integers(-1000, 0).map(lambda n: n / 10),
-    hi=st.integers(10, 3000).map(lambda n: n / 10),
+    hi=st.integers(50, 3000).map(lambda n: n / 10),
     temp_c=st.floats(-50.0, 80.0, width=32),
 )
+@example(lo=0.0, hi=258.5, temp_c=0.0)
+@example(lo=-99.5, hi=298.5, temp_c=0.0)
 def test_limits_of_whole_tenths_never_make_sense_with_their_words_swapped(lo, hi, temp_c):
     """They are what is always there to tell the order by, whatever the temperature."""
     assert find_problem((swap_words(lo), swap_words(hi)), {"temperature": swap_words(temp_c)})
