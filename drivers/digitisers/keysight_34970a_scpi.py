@@ -34,6 +34,7 @@ OPTIONAL = frozenset(("SYST:REM", "TRIG:SOUR IMM", "TRIG:COUN 1"))
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([Ee][+-]?\d+)?")
 _AS_THE_MAKER_WRITES = re.compile(r"[+-]\d\.\d{8}E[+-]\d{2}")
 _SIGN_LOST = re.compile(r"\s+\d\.\d{8}E[+-]\d{2}\s*")  # a blank where the maker has a sign
+_DIGIT_LOST = re.compile(r"\s*[+-]\d\.\d{8}E[+-]\d\s+")  # or its last digit
 _TIME = re.compile(r"\+?\d+(\.\d*)?([Ee][+-]?\d+)?")
 _CHANNEL = re.compile(r"\d{3,4}")
 _ERROR = re.compile(r'\s*([+-]?\d+)\s*,\s*"([^"]*)"?.*')
@@ -70,6 +71,8 @@ def parse_scan(reply: str) -> tuple[ScanItem, ...]:
     """
     if any(_SIGN_LOST.fullmatch(field) for field in reply.split(",")):
         raise ProtocolError(f"a reading without its sign in {reply[:60]!r}")
+    if any(_DIGIT_LOST.fullmatch(field) for field in reply.split(",")):
+        raise ProtocolError(f"a reading without its last digit in {reply[:60]!r}")
     fields = [field.strip() for field in reply.split(",")]
     if len(fields) % 3:
         raise ProtocolError(f"scan of {len(fields)} fields, expected value,time,channel triples")

@@ -35,6 +35,7 @@ GOOD = "+1.25000000E+00,000000000.040,101,-3.50000000E-03,000000000.080,102"
 
 
 @example(place=GOOD.index("-"), char=" ")  # the sign lost
+@example(place=48, char="\r")  # the last digit of an exponent lost
 @given(st.integers(0, len(GOOD) - 1), st.characters(exclude_characters="+-0123456789.E,"))
 def test_a_strange_character_anywhere_in_a_scan_is_noticed(place, char):
     broken = GOOD[:place] + char + GOOD[place + 1 :]
