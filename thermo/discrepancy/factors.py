@@ -59,6 +59,7 @@ class Seen:
         record = channel.record
         first = blocks.starts
         self.channel, self.blocks = channel, blocks
+        self._means: dict[str, FloatArray] = {}
         self.run = record.run[first]
         self.time_s = blocks.times.time_s
         self.temp = blocks.mean(record["x_slow_c"])
@@ -75,7 +76,9 @@ class Seen:
 
     def of(self, quantity: Quantity) -> FloatArray:
         """Return block means of a quantity."""
-        return self.blocks.mean(quantity.of(self.channel.record))
+        if quantity.name not in self._means:
+            self._means[quantity.name] = self.blocks.mean(quantity.of(self.channel.record))
+        return self._means[quantity.name]
 
     def side(self) -> IntArray:
         """Return heating or cooling; a hold has the direction of the preceding ramp."""

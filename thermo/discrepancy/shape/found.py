@@ -66,11 +66,6 @@ class ShapeFound:
     choices: tuple[Choice, ...]
     heldout: HeldOut
 
-    @property
-    def peak_ug(self) -> float:
-        """Half the range of its function."""
-        return 0.5 * float(np.ptp(self.pattern.shape.values))
-
     def in_library(self) -> AbstractContextManager[None]:
         """Have its term in the library until the end of a block."""
         return self.pattern.in_library(self.name, self.sentence)
@@ -85,9 +80,9 @@ def against_shape(
 ) -> Revision:
     """Hold the names found against a shape in the place of the last of them, and beside them.
 
-    A name costs as much as a shape's curve does for each of its parameters, and what a further
-    effect must explain; so does the shape. The shape is taken only where it is clearly better and
-    predicts runs held out.
+    A name costs `PER_NAME` and `PER_PARAMETER` for each of its parameters; a shape costs what a
+    further effect must explain, and its curves. The shape is taken only if it is clearly better
+    and predicts held-out runs.
 
     Parameters
     ----------
