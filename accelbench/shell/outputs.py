@@ -55,7 +55,7 @@ def checked_output(path: Path, inputs: Sequence[Path], *, force: bool) -> None:
     if path.resolve() in taken:
         raise InputError(path, "", "is an input; expected another name for the output")
     if path.is_dir():
-        raise InputError(path, "", "is a folder, expected the name of a file")
+        raise InputError(path, "", "exists, expected the name of a file")
     if path.exists() and not force:
         raise InputError(path, "", "exists already; give another name, or --force to replace it")
     if not path.resolve().parent.is_dir():

@@ -66,7 +66,8 @@ def column_names(path: Path) -> list[str]:
 
 def sidecar_path(path: Path | str) -> Path:
     """Return where the file is that says what a table's columns mean."""
-    return Path(path).with_suffix(".toml")
+    table = Path(path)
+    return table.parent / f"{table.stem}.toml"  # "." too has one, that is not there
 
 
 def _is_parquet(path: Path) -> bool:

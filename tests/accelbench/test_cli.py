@@ -216,3 +216,22 @@ def test_matrices_take_one_thread_unless_the_user_says_how_many(monkeypatch, tol
     assert os.environ["OMP_NUM_THREADS"] == told.get("OMP_NUM_THREADS", "1")
     for name in THREADS:
         monkeypatch.delenv(name, raising=False)
+
+
+@pytest.mark.parametrize("folder", [".", "/"])
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("fit", "{}"),
+        ("rig", "calibrate", "{}"),
+        ("rig", "triad", "{}"),
+        ("discrepancy", "thermal", "{}"),
+        ("export", "1", "--store", "{}", "--out", "x.csv"),
+        ("runs", "--store", "{}"),
+        ("control", "list", "--store", "{}"),
+    ],
+    ids=" ".join,
+)
+def test_a_folder_without_a_name_is_told_to_be_one(refused, arguments, folder):
+    said = refused(*(word.format(folder) for word in arguments))
+    assert "it is a folder, expected a file" in said

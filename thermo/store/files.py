@@ -15,6 +15,7 @@ from thermo.recording.summary import RecordingSummary
 from thermo.store.database import parse_store_url
 from thermo.store.export import export_test
 from thermo.store.spool.recover import copies, recover
+from thermo.store.sqlite import companion_path
 from thermo.store.store import Store, open_store
 from thermo.store.stream import export_in_pieces
 
@@ -67,7 +68,7 @@ def _traces(path: Path) -> str:
     """Return what there is in place of a store that is not there."""
     if made := copies(path):
         return f"; copied when it was deleted or moved under a test: {made[-1]}"
-    if (wal := path.with_name(path.name + "-wal")).exists():
+    if (wal := companion_path(path, "-wal")).exists():
         return f"; {wal} belongs to it: put the file back beside it"
     return ""
 

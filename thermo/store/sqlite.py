@@ -26,7 +26,7 @@ Identity = tuple[tuple[int, int] | None, tuple[int, int] | None]
 
 def companion_path(path: Path, suffix: str) -> Path:
     """Return the file that belongs to a database, ``night.sqlite-wal``."""
-    return path.with_name(path.name + suffix)
+    return Path(f"{path}{suffix}")
 
 
 def look_before_opening(path: Path, *, existing: bool) -> None:
