@@ -22,8 +22,8 @@ from thermo.safety.guarded_sitting import Guard, take_lock
 from thermo.safety.guardian_results import collect_result, result_file
 from thermo.safety.heartbeat import notify_service
 from thermo.safety.processes import process_start
-from thermo.station.controller_link import ControllerLink, Health
 from thermo.station.job import Job
+from thermo.station.link.controller import ControllerLink, Health
 from thermo.station.outcome import Observer, RunControl, TestOutcome
 from thermo.station.procedure import run_test
 from thermo.station.session import no_heartbeat

@@ -19,8 +19,8 @@ from thermo.launch.arming import Check, check_arming
 from thermo.launch.dead_controllers import settle_dead_controllers
 from thermo.launch.detached import NotStartedError, Started, start_detached
 from thermo.planning.sequence import parse_sequence
-from thermo.station.controller_link import this_process
 from thermo.station.job import Job, make_job, make_resumed_job
+from thermo.station.link.controller import this_process
 from thermo.store.operation.alarms import raise_alarm
 from thermo.store.operation.commands import OF_THE_RUNNER, Command, answer, take_next
 from thermo.store.operation.planned import (

@@ -8,8 +8,8 @@ from thermo.planning.legs import Leg, commanded_c, leg_at
 from thermo.planning.plan import RunPlan
 from thermo.planning.schedule import Schedule
 from thermo.station.approach import go_to, hold_while_paused
+from thermo.station.checks.quality import Quality
 from thermo.station.outcome import InterferedError, ThermistorLostError
-from thermo.station.quality import Quality
 from thermo.station.reading import inputs_of, make_rows
 from thermo.station.resume_point import ResumePoint
 from thermo.station.session import Session

@@ -4,13 +4,13 @@ from contextlib import suppress
 from datetime import UTC, datetime
 
 from thermo.station.approach import go_to
+from thermo.station.checks.quality import find_bad_shares
+from thermo.station.checks.run_in import decide_run_in
+from thermo.station.checks.uniformity import judge_test
 from thermo.station.outcome import GO_ON, Decision, InterferedError
-from thermo.station.quality import find_bad_shares
 from thermo.station.resume_point import ResumePoint
 from thermo.station.run import Run
-from thermo.station.run_in import decide_run_in
 from thermo.station.session import Session
-from thermo.station.uniformity import judge_test
 from thermo.store.database import StoreAwayError
 
 

@@ -3,7 +3,7 @@
 from functools import partial
 
 from thermo.planning.legs import Leg
-from thermo.station.quality import OFF_POSITION_DEG
+from thermo.station.checks.quality import OFF_POSITION_DEG
 from thermo.station.session import Session
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 from drivers.errors import InstrumentError
 from thermo.planning.plan import Plan
+from thermo.station.checks.quality import STEP_C, Repetition
 from thermo.station.outcome import (
     ChamberAlarmError,
     InstrumentLostError,
@@ -13,7 +14,6 @@ from thermo.station.outcome import (
     ThermistorLostError,
     TooHotError,
 )
-from thermo.station.quality import STEP_C, Repetition
 
 log = logging.getLogger(__name__)
 

@@ -19,9 +19,9 @@ from thermo.launch.emulated import run_emulated
 from thermo.planning.sequence import Sequence as TestSequence
 from thermo.planning.sequence import parse_sequence
 from thermo.recording.files import RecordedRuns, read_runs
+from thermo.station.checks.uniformity import RampVerdict, judge_test
 from thermo.station.job import make_job
 from thermo.station.outcome import Observer, TestOutcome
-from thermo.station.uniformity import RampVerdict, judge_test
 from thermo.store.files import export_recorded, open_existing_store
 
 # What nobody fitting the data is told: the third accelerometer's bias lags behind its temperature.

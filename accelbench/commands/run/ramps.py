@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 
 from accelbench.shell.console import number
-from thermo.station.uniformity import RampVerdict
+from thermo.station.checks.uniformity import RampVerdict
 
 UNJUDGED = "too few readings for a verdict"
 

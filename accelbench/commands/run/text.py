@@ -9,9 +9,9 @@ from rich.console import RenderableType
 from accelbench.commands.run.ramps import ramp_lines
 from accelbench.commands.run_in.text import run_in_document, run_in_text
 from thermo.run_in.verdict import RunInVerdict
+from thermo.station.checks.uniformity import RampVerdict
 from thermo.station.observers.live import LiveEstimate
 from thermo.station.outcome import TestOutcome
-from thermo.station.uniformity import RampVerdict
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -29,12 +29,12 @@ from thermo.planning.sequence import Sequence as TestSequence
 from thermo.planning.sequence import load_sequence
 from thermo.planning.text import mounting_lines
 from thermo.run_in.verdict import RunInVerdict
+from thermo.station.checks.run_in import judge_stored
+from thermo.station.checks.uniformity import RampVerdict, judge_test
 from thermo.station.job import Job, make_job, make_resumed_job
 from thermo.station.observers.live import LiveEstimate
 from thermo.station.observers.live_model import LIVE_TERMS
 from thermo.station.outcome import Observer, TestOutcome
-from thermo.station.run_in import judge_stored
-from thermo.station.uniformity import RampVerdict, judge_test
 from thermo.store.database import display_url, parse_store_url
 from thermo.store.files import export_recorded, open_existing_store
 

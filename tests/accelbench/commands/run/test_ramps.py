@@ -1,7 +1,7 @@
 from dataclasses import replace
 
 from accelbench.commands.run.ramps import ramp_lines
-from thermo.station.uniformity import RampVerdict
+from thermo.station.checks.uniformity import RampVerdict
 
 GOOD = RampVerdict(
     serial="QA-001", run=1, segment=1, commanded=2.0, measured=2.006, measured_sigma=0.001,

@@ -7,11 +7,11 @@ import pytest
 from errormodel.errors import InputError, StoreError
 from tests.thermo.station.running import run_test
 from thermo.planning.sequence import load_sequence, parse_sequence, sequence_toml
+from thermo.station.checks.run_in import decide_run_in, judge_stored
 from thermo.station.outcome import Decision, RunControl
-from thermo.station.run_in import decide_run_in, judge_stored
 from thermo.twin.plant import make_plant
 
-FILE = Path(__file__).parents[1] / "run-in.toml"
+FILE = Path(__file__).parents[2] / "run-in.toml"
 
 
 @pytest.fixture

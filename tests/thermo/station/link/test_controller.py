@@ -10,7 +10,7 @@ import pytest
 
 from tests.thermo.station.running import run_test
 from tests.thermo.station.test_store import PATIENCE_S, Outage
-from thermo.station.controller_link import ControllerLink, Health
+from thermo.station.link.controller import ControllerLink, Health
 from thermo.station.outcome import RunControl, TestInterruptedError, TestOutcome
 from thermo.store.operation.alarms import list_alarms
 from thermo.store.operation.commands import Action, ask, list_commands, read_command

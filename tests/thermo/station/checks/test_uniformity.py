@@ -12,9 +12,9 @@ from errormodel.io.toml import read_toml
 from thermo.planning.legs import Leg
 from thermo.planning.plan import make_plan
 from thermo.planning.sequence import SelfHeating, Uniformity, load_sequence
-from thermo.station.uniformity import judge_ramp, judge_test, local_slopes, self_heating_rate
+from thermo.station.checks.uniformity import judge_ramp, judge_test, local_slopes, self_heating_rate
 
-ROOT = Path(__file__).parents[3]
+ROOT = Path(__file__).parents[4]
 LEG = Leg(index=1, start_s=0, end_s=6600, start_c=-40, end_c=70, step_c=0, positions=None)
 TIME_S = np.arange(0, 6600, 10.0)
 RULE = Uniformity(transient_min=15.0, window_min=5.0, band_fraction=0.1)

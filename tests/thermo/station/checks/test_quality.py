@@ -10,9 +10,9 @@ from drivers.errors import LinkError
 from tests.thermo.station.running import run_test
 from thermo.launch.emulated import run_emulated
 from thermo.planning.sequence import parse_sequence
+from thermo.station.checks.quality import HeadWatch, Repetition
 from thermo.station.job import make_job
 from thermo.station.outcome import RunControl
-from thermo.station.quality import HeadWatch, Repetition
 from thermo.store.store import open_store
 
 

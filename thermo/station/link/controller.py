@@ -16,7 +16,7 @@ from typing import Literal, Self
 
 from drivers.clock import Clock
 from errormodel.errors import StoreError
-from thermo.station.link_notes import NotedWarnings, TestNotes
+from thermo.station.link.notes import NotedWarnings, TestNotes
 from thermo.station.outcome import RunControl, TestOutcome
 from thermo.store.database import utc_now
 from thermo.store.operation.alarms import raise_alarm

@@ -1,0 +1,1 @@
+"""Checks on a running test: its readings, its ramps, its run-in."""

@@ -1,0 +1,1 @@
+"""Link of a running test to the people who ask and watch."""
