@@ -1,0 +1,1 @@
+"""`accelbench panel`: the operator's page in a browser."""
