@@ -20,27 +20,30 @@ class HeldWarnings(logging.Handler):
     """Keeps warnings until it is known that they do not stand beside an error of one line.
 
     Tracebacks are never shown; `go_live` shows what follows at once, for commands that take hours.
+    The same line is shown once.
     """
 
     def __init__(self) -> None:
         super().__init__(logging.WARNING)
-        self._held: list[str] = []
+        self._lines: dict[str, None] = {}  # in the order in which they came
         self._live = False
 
     def emit(self, record: logging.LogRecord) -> None:
         """Take one record."""
         line = f"accelbench: warning: {' '.join(record.getMessage().split())}"
+        if line in self._lines:
+            return
+        self._lines[line] = None
         if self._live:
             click.echo(line, err=True)
-        elif line not in self._held:
-            self._held.append(line)
 
     def go_live(self) -> None:
         """Show what was held, and the rest as it comes."""
+        if self._live:
+            return
         self._live = True
-        for line in self._held:
+        for line in self._lines:
             click.echo(line, err=True)
-        self._held.clear()
 
 
 class LateSignals:

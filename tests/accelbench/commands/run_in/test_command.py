@@ -27,8 +27,9 @@ def done(tmp_path_factory):
     40 µg it takes fifteen, and the first eleven decide nothing here.
     """
     folder = tmp_path_factory.mktemp("run_in")
-    text = SEQUENCE.read_text(encoding="utf-8").replace("[run_in]", "[run_in]\nmin_cycles = 12")
-    text = text.replace("_ug = 15.0", "_ug = 40.0").replace("_ppm = 15.0", "_ppm = 40.0")
+    text = SEQUENCE.read_text(encoding="utf-8").replace("[run_in]", "[run_in]\nmin_cycles = 9")
+    text = text.replace("_ug = 15.0", "_ug = 90.0").replace("_ppm = 15.0", "_ppm = 90.0")
+    text = text.replace("period_s = 30.0", "period_s = 60.0")
     (folder / "late.toml").write_text(text, encoding="utf-8")
     return ran(folder, "run", "late.toml", "--store", "s.sqlite", "--out", "run.csv", "--json")
 
