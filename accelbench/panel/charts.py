@@ -56,6 +56,7 @@ def _chart(title: str, unit: str, series: list[Options], aria: str) -> Options:
             "nameLocation": "middle",
             "nameGap": 24,
             "min": 0,
+            "axisLine": {"onZero": False},
             "axisLabel": {"color": GREY},
             "nameTextStyle": {"color": GREY},
             "splitLine": {"lineStyle": {"opacity": 0.25}},

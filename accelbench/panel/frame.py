@@ -23,6 +23,13 @@ PAGES = (
     ("Alarms", "/alarms"),
     ("History", "/history"),
 )
+# dark enough for white letters on them (WCAG's 4.5)
+COLOURS = {
+    "primary": "#00558c",
+    "positive": "#00664a",
+    "negative": "#9b0020",
+    "warning": "#7a4a00",
+}
 TICK_S = 0.5
 OLD_S = 3.0  # the store's reader looks twice a second; after this it is called silent
 
@@ -42,6 +49,7 @@ def frame(context: PanelContext, request: Request, title: str, here: str) -> Gen
     visitor = visitor_of(request)
     ui.page_title(f"{title} · accelbench")
     ui.add_css(CSS)
+    ui.colors(**COLOURS)
     dark = ui.dark_mode(visitor.is_dark)
     abort = AbortDialog(context, visitor)
     with ui.header().classes("bar"):

@@ -60,6 +60,7 @@ def serve(settings: PanelSettings, *, ready: Callable[[str], None]) -> None:
         title="accelbench",
         favicon=_ICON,
         dark=None,
+        language="en-US",
         reconnect_timeout=30.0,
         show_welcome_message=False,
     )
