@@ -110,7 +110,7 @@ class AbortDialog:
             self._reason = ui.input("Reason (kept with the test)").classes("w-full")
             with ui.row():
                 ui.button("Abort now", color="negative", on_click=self._abort).props("autofocus")
-                ui.button("Let it run", on_click=self._dialog.close).props("flat")
+                ui.button("Let it run", on_click=self._dialog.close, color=None).props("flat")
         if may(visitor.role, "operate"):
             ui.keyboard(on_key=self._key, ignore=[])
 

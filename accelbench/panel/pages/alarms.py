@@ -51,7 +51,7 @@ class _AlarmsPage:
         ui.label(f"Who is told stands in {path.name}; a notice that is not taken is tried again.")
         self._waiting = ui.html("", sanitize=False).classes("w-full")
         if may(self._visitor.role, "operate"):
-            ui.button("Send a trial to every address", on_click=self._try).props("flat")
+            ui.button("Send a trial to every address", on_click=self._try, color=None).props("flat")
 
     async def _tick(self) -> None:
         snapshot = self._context.watch.snapshot

@@ -167,7 +167,9 @@ class _LivePage:
             ui.label(what)
             with ui.row():
                 ui.button("Go on", on_click=lambda: dialog.submit(True))
-                ui.button("Leave it", on_click=lambda: dialog.submit(False)).props("flat")
+                ui.button("Leave it", on_click=lambda: dialog.submit(False), color=None).props(
+                    "flat"
+                )
         if await dialog:
             ui.notify("Starting …")
             outcome = await in_thread(

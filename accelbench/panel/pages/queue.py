@@ -111,11 +111,15 @@ class _QueuePage:
         if one.state == "armed":
             start = ui.button("Start", on_click=partial(self._start, one.number))
             start.props("unelevated color=positive icon=play_arrow")
-            ui.button("Check again", on_click=partial(self._arm, one.number)).props("flat")
+            ui.button("Check again", on_click=partial(self._arm, one.number), color=None).props(
+                "flat"
+            )
         else:
             arm = ui.button("Check and arm", on_click=partial(self._arm, one.number))
             arm.props("unelevated")
-        ui.button("Take out", on_click=partial(self._withdraw, one.number)).props("flat")
+        ui.button("Take out", on_click=partial(self._withdraw, one.number), color=None).props(
+            "flat"
+        )
 
     # ---- actions
 
