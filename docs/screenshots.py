@@ -60,7 +60,7 @@ def take_all(page: Page, out: Path) -> None:
     page.get_by_role("option", name="demo.toml").click()
     page.get_by_label("Time multiple").fill("240")
     page.get_by_role("button", name="Show the plan").click()
-    page.get_by_text("expected").first.wait_for(timeout=120_000)
+    page.get_by_text("Cannot be separated").wait_for(timeout=120_000)
     take(page, out, "plan")
     page.get_by_role("button", name="Put into the queue").click()
     page.wait_for_url("**/queue")

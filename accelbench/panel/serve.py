@@ -1,8 +1,10 @@
 """The page as a server."""
 
 import logging
+import signal
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Generator
+from contextlib import contextmanager, suppress
 
 import uvicorn
 from fastapi import FastAPI
@@ -84,7 +86,8 @@ def serve(settings: PanelSettings, *, ready: Callable[[str], None]) -> None:
     context.watch.start()
     keeper.start()
     try:
-        server.run()
+        with _sigterm_as_ctrl_c(), suppress(KeyboardInterrupt):
+            server.run()
     except SystemExit:  # uvicorn's way to say that the port cannot be had
         where = f"{settings.host}:{settings.port}"
         raise InputError(where, "", "cannot be listened on; choose another --port") from None
@@ -93,6 +96,16 @@ def serve(settings: PanelSettings, *, ready: Callable[[str], None]) -> None:
         keeper.join(15.0)
         runner.stop()
         context.watch.stop()
+
+
+@contextmanager
+def _sigterm_as_ctrl_c() -> Generator[None]:
+    """Have SIGTERM end the page as Ctrl-C does, so that what it has started is stopped, too."""
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 class _Server(uvicorn.Server):

@@ -7,7 +7,8 @@ import pytest
 pytest.importorskip("argon2", reason="pip install 'accelbench[panel]' has the page tested")
 
 from accelbench.panel.users import add_user
-from tests.accelbench.panel.conftest import Served
+from tests.accelbench.panel.conftest import Served, until
+from thermo.launch.runner import CLAIM
 from thermo.store.operation.alarms import raise_alarm
 from thermo.store.store import open_store
 
@@ -61,3 +62,10 @@ def test_what_was_done_stands_under_the_name(browser, guarded: Served) -> None:
     page.goto("/history")
     page.get_by_text("test 1 is planned: browser test").wait_for()
     page.close()
+
+
+def test_a_page_that_is_ended_ends_the_runner_it_had_started(browser, guarded: Served) -> None:
+    with open_store(guarded.store) as store:
+        until(lambda: store.is_claimed(CLAIM), "a runner")
+        guarded.end()
+        until(lambda: not store.is_claimed(CLAIM), "the end of the runner")
