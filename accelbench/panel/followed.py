@@ -1,8 +1,11 @@
 """One test as the page shows it: programme, readings so far, live estimate, events."""
 
+import threading
 from array import array
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import TypeAlias
 
 import numpy as np
 
@@ -19,6 +22,7 @@ MOST_SCANS = 8_000  # kept for the pictures; beyond it every second one is left 
 MOST_POINTS = 600  # of a line in a picture
 MOST_EVENTS = 500
 NAN = float("nan")
+Points: TypeAlias = list[list[float | None]]
 
 
 @dataclass(slots=True)
@@ -76,6 +80,8 @@ class FollowedTest:
         self.flagged = 0
         self.version = 0
         self._place = Place()
+        self._lock = threading.Lock()  # of the lines, which pages read while they grow
+        self._drawn: dict[str, tuple[int, Points]] = {}
         self._begin()
 
     def _begin(self) -> None:
@@ -122,7 +128,8 @@ class FollowedTest:
         for row in rows:
             values[row.serial] = _number(row.temp_c)
             values[f"output {row.serial}"] = _number(row.output)
-        self._lines.add(self.hour(run, rows[0].time_s), values)
+        with self._lock:
+            self._lines.add(self.hour(run, rows[0].time_s), values)
 
     # ---- what the pages show
 
@@ -141,9 +148,9 @@ class FollowedTest:
         """Return the live K0 and K1 of every accelerometer that has been read."""
         return self._estimate.values()
 
-    def programme(self) -> list[list[float | None]]:
+    def programme(self) -> Points:
         """Return the programme as [hour, °C], with a gap between runs."""
-        found: list[list[float | None]] = []
+        found: Points = []
         for run in range(1, min(self.plan.runs, 50) + 1):
             for leg in self.plan.legs:
                 found.append([self.hour(run, leg.start_s), leg.start_c])
@@ -151,14 +158,15 @@ class FollowedTest:
             found.append([None, None])
         return found
 
-    def line(self, name: str) -> list[list[float | None]]:
+    def line(self, name: str) -> Points:
         """Return a line of the pictures as [hour, value], thinned to what can be seen."""
-        hours, values = np.array(self._lines.hours), np.array(self._lines.values[name])
-        return _points(hours, values)
+        return self._once(name, lambda: _points(*self._values(name)))
 
-    def rate(self, name: str = "chamber") -> list[list[float | None]]:
+    def rate(self, name: str = "chamber") -> Points:
         """Return the rate of a temperature over the window of the uniformity rule, °C/min."""
-        hours, values = np.array(self._lines.hours), np.array(self._lines.values[name])
+        return self._once(f"rate {name}", lambda: self._rate(*self._values(name)))
+
+    def _rate(self, hours: FloatArray, values: FloatArray) -> Points:
         if hours.size < 2:
             return []
         window_h = self.plan.sequence.uniformity.window_min / 60.0
@@ -169,12 +177,24 @@ class FollowedTest:
         rate[inside] = (values - values[at])[inside] / (60.0 * span_h[inside])
         return _points(hours, rate)
 
+    def _values(self, name: str) -> tuple[FloatArray, FloatArray]:
+        with self._lock:
+            return np.array(self._lines.hours), np.array(self._lines.values[name])
+
+    def _once(self, what: str, make: Callable[[], Points]) -> Points:
+        """Make a line once for all pages, until there are new readings."""
+        version = self.version
+        made = self._drawn.get(what)
+        if made is None or made[0] != version:
+            made = self._drawn[what] = (version, make())
+        return made[1]
+
 
 def _number(value: float | None) -> float:
     return NAN if value is None else float(value)
 
 
-def _points(hours: FloatArray, values: FloatArray) -> list[list[float | None]]:
+def _points(hours: FloatArray, values: FloatArray) -> Points:
     """Thin a line to its ends and, in each piece, the lowest and the highest value."""
     kept = np.arange(hours.size)
     if hours.size > MOST_POINTS:

@@ -116,7 +116,7 @@ class StoreWatch:
                     store.close()
                 store = None
             except Exception as err:  # a fault of the page must not stop its looking
-                log.exception("the page's reader")
+                log.error("the page's reader: %s: %s", type(err).__name__, err)
                 self.snapshot = replace(self.snapshot, problem=f"error of the program: {err}")
             self._stop.wait(0.0 if more else LOOK_S)
         if store is not None:
@@ -142,7 +142,7 @@ class StoreWatch:
     def _read_on(self, store: Store) -> bool:
         """Read on in every test that a page looks at; return True if there is more at once."""
         now_s = time.monotonic()
-        for test_id in [t for t, s in self._wanted.items() if now_s - s > FORGET_S]:
+        for test_id in [t for t, s in dict(self._wanted).items() if now_s - s > FORGET_S]:
             self._wanted.pop(test_id, None)
             self._followed.pop(test_id, None)
         more = False
