@@ -174,6 +174,7 @@ def test_third_order_cannot_be_seen_in_four_positions_and_can_in_eight() -> None
         assert visible or d < 0.1
 
 
+@pytest.mark.slow  # of the generator; the small blind part uses it
 def test_all_effects_reach_the_strength_asked_for(tmp_path: Path) -> None:
     recipe = quiet_recipe(protocol="P3", noise="white+OU", strengths=dict.fromkeys(UNITS, 12.0))
     key = write_set(tmp_path, tmp_path / "key.json", recipe, [1, 1])

@@ -77,6 +77,7 @@ def test_nothing_is_named_where_nothing_is_missing(effects: Library) -> None:
     make_plan(sequence, default_station(sequence))  # raises when a station cannot run it
 
 
+@pytest.mark.slow  # an alias set at eight positions, below
 @LIBRARIES
 def test_the_squared_term_and_a_readout_with_two_gains_are_one_alias_set_at_four_positions(
     effects: Library,
@@ -124,6 +125,7 @@ def test_offsets_between_runs_and_a_misalignment_at_four_positions() -> None:
     assert set(found(1, {"cross": 4.0}, "bare").alias_sets[0]) == {"cross_axis", "indexer_harmonic"}
 
 
+@pytest.mark.slow  # tests/accelbench/commands/demo/test_hidden.py has one of no library
 @LIBRARIES
 def test_a_wave_over_temperature_has_no_name_but_a_place(effects: Library) -> None:
     d = found(5, {"wave": 20.0}, effects=effects)
@@ -151,6 +153,7 @@ def test_smallest_nameable_is_the_size_of_strength_seven() -> None:
     assert abs(d.effects[0].strength_d - 14.0) < 4.0
 
 
+@pytest.mark.slow  # the command does both with its files
 @LIBRARIES
 def test_the_larger_model_is_fitted_and_applied_as_it_is(effects: Library) -> None:
     runs = hidden_runs(1, {"loop": 15.0})

@@ -81,6 +81,7 @@ def test_beside_what_fit_would_choose_only_the_hidden_effect_is_missing() -> Non
     assert not {"cross_axis", "second_order", "third_order"} & set(d.invisible)
 
 
+@pytest.mark.slow  # beside what fit would choose, above
 def test_beside_the_bare_model_several_terms_are_told_at_once_and_none_wrongly() -> None:
     (d,) = searched({**EQUATION, "loop": 15.0})
     true = {

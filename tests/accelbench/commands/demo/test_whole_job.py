@@ -48,6 +48,7 @@ def test_the_demonstration_from_sequence_to_report(call, short, tmp_path):
     assert json.dumps(document)
 
 
+@pytest.mark.slow  # the same demonstration as above, told as text
 def test_the_text_ends_with_the_table_and_the_path(call, short, tmp_path, monkeypatch):
     def undrawn(_fits: object, _runs: object, folder: Path, **_kwargs: object) -> Path:
         return folder / "report.html"

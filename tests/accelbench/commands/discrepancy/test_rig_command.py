@@ -108,6 +108,7 @@ def test_a_jump_goes_from_file_to_filter_to_compensated_run(
     np.testing.assert_allclose(other - taken[first], step["value"], rtol=5e-3)
 
 
+@pytest.mark.slow  # cycles in one file, above
 def test_files_are_cycles_that_follow_one_another(
     lever: Path, tmp_path: Path, capsys: Captured
 ) -> None:

@@ -61,6 +61,7 @@ print(found["not_set"], found["problems"][-1], _processes_naming(sys.argv[1]))
 """
 
 
+@pytest.mark.slow  # of the campaign itself, which is slow, too
 def test_a_kind_that_fails_leaves_no_process_behind(tmp_path):
     done = subprocess.run(
         [sys.executable, "-c", NOT_SET, str(tmp_path)],
