@@ -12,7 +12,7 @@ from accelbench.result import Result, coefficients_of, named_rows, no_pictures
 from accelbench.shell.library import library
 
 if TYPE_CHECKING:
-    from accelbench.commands.run.dry_run import MountingForeseen
+    from accelbench.shell.foreseen_plan import MountingForeseen
     from accelbench.shell.plotting import Picture
     from sinscal.combination.combine import Combination
     from sinscal.recording.run import RigRun
@@ -277,7 +277,7 @@ def foresee(plan: "Plan") -> "Result[tuple[MountingForeseen, ...]]":
     Result
         One row per coefficient and mounting, with its expected sigma.
     """
-    from accelbench.commands.run.dry_run import foresee_plan, plan_document
+    from accelbench.shell.foreseen_plan import foresee_plan, plan_document
 
     foreseen = foresee_plan(plan)
     return Result(

@@ -28,6 +28,7 @@ COMMANDS = {
     "make-safe": ("run.make_safe_command", "make_safe", "Put a chamber into its safe condition."),
     "control": ("control.group", "control", "Pause, resume or abort a running test; the queue."),
     "panel": ("panel.command", "panel", "Plan, start and watch tests in a browser."),
+    "panel-user": ("panel.command", "panel_user", "Add a user of the operator's page."),
     "runs": ("run.store_commands", "runs", "List the tests in a store."),
     "export": ("run.store_commands", "export", "Write a test of a store as a recorded run."),
     "import": ("fit.command", "import_", "Convert a log recorded by others into a recorded run."),

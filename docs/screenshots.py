@@ -27,6 +27,7 @@ def main() -> None:
         here = Path(folder)
         words = [sys.executable, "-m", "accelbench"]
         subprocess.run([*words, "examples", folder], check=True, stdout=subprocess.DEVNULL)
+        shutil.copy(Path(__file__).parent / "tutorial/first-night.toml", here / "sequences")
         serve = [
             *words,
             "panel",
@@ -56,9 +57,12 @@ def main() -> None:
 def take_all(page: Page, out: Path) -> None:
     """Go the operator's way once, with a picture of every page."""
     page.goto("/plan")
-    page.get_by_label("Sequence", exact=True).click()
-    page.get_by_role("option", name="demo.toml").click()
-    page.get_by_label("Time multiple").fill("240")
+    option = page.get_by_role("option", name="first-night.toml")
+    while not option.is_visible():  # a page that is not connected yet opens nothing
+        page.get_by_label("Sequence", exact=True).click()
+        time.sleep(2)
+    option.click()
+    page.get_by_label("Time multiple").fill("120")
     page.get_by_role("button", name="Show the plan").click()
     page.get_by_text("Cannot be separated").wait_for(timeout=120_000)
     take(page, out, "plan")
@@ -69,7 +73,7 @@ def take_all(page: Page, out: Path) -> None:
     take(page, out, "queue")
     page.get_by_role("button", name="Start", exact=True).click()
     page.wait_for_url("**/test/*", timeout=120_000)
-    time.sleep(75)  # 5 h of the programme
+    time.sleep(80)  # the first run
     take(page, out, "live")
     page.get_by_role("button", name="Light or dark").click()
     time.sleep(2)

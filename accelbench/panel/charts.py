@@ -35,7 +35,9 @@ def _line(name: str, data: Points, index: int, **more: Any) -> Options:
     }
 
 
-def _chart(title: str, unit: str, series: list[Options], aria: str) -> Options:
+def _chart(
+    title: str, unit: str, series: list[Options], aria: str, hours: float | None = None
+) -> Options:
     return {
         "animation": False,
         "aria": {"enabled": True, "label": {"description": aria}},
@@ -56,6 +58,7 @@ def _chart(title: str, unit: str, series: list[Options], aria: str) -> Options:
             "nameLocation": "middle",
             "nameGap": 24,
             "min": 0,
+            "max": hours,
             "axisLine": {"onZero": False},
             "axisLabel": {"color": GREY},
             "nameTextStyle": {"color": GREY},
@@ -90,7 +93,7 @@ def temperature_chart(test: FollowedTest) -> Options:
         *(_line(s, test.line(s), k + 1) for k, s in enumerate(test.serials)),
     ]
     what = "Temperatures of chamber and accelerometers against the programme"
-    return _chart("Temperature", "°C", series, what)
+    return _chart("Temperature", "°C", series, what, _hours(test))
 
 
 def rate_chart(test: FollowedTest) -> Options:
@@ -102,7 +105,7 @@ def rate_chart(test: FollowedTest) -> Options:
         _line(first, test.rate(first), 1, lineStyle={"type": "dashed"}),
     ]
     title = f"Ramp rate over {window:g} min"
-    return _chart(title, "°C/min", series, "Rate of the temperatures")
+    return _chart(title, "°C/min", series, "Rate of the temperatures", _hours(test))
 
 
 def output_chart(test: FollowedTest) -> Options:
@@ -119,7 +122,7 @@ def output_chart(test: FollowedTest) -> Options:
         )
         for k, s in enumerate(test.serials)
     ]
-    return _chart("Output", ", ".join(units), series, "Outputs of the accelerometers")
+    return _chart("Output", ", ".join(units), series, "Outputs of the accelerometers", _hours(test))
 
 
 def plan_chart(hours: list[float], temps_c: list[float], angles: list[list[float]]) -> Options:
@@ -138,6 +141,11 @@ def plan_chart(hours: list[float], temps_c: list[float], angles: list[list[float
     options["dataZoom"] = [{"type": "inside", "xAxisIndex": [0, 1], "filterMode": "none"}]
     options["series"] = [_line("temperature", programme, 0, lineStyle={"width": 2.0}), positions]
     return options
+
+
+def _hours(test: FollowedTest) -> float:
+    """Return the end of the programme in h, the same in all pictures of a test."""
+    return round(test.plan.total_s / 3600.0, 2)
 
 
 def _shifted(points: list[list[float | None]], by: float) -> list[list[float | None]]:

@@ -31,7 +31,7 @@ COLOURS = {
     "warning": "#7a4a00",
 }
 TICK_S = 0.5
-OLD_S = 3.0  # the store's reader looks twice a second; after this it is called silent
+OLD_S = 3.0  # the store's reader looks four times a second; after this it is called silent
 
 CSS = files("accelbench.panel").joinpath("page.css").read_text(encoding="utf-8")
 

@@ -5,18 +5,18 @@ command line.
 """
 
 import json
-import logging
+import signal
 import subprocess
 import sys
+import threading
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import FrameType
 
 from errormodel.errors import StoreError
-from thermo.launch.runner import CLAIM
-from thermo.store.store import open_store
-
-log = logging.getLogger(__name__)
+from thermo.launch.notify import NoticeSender, read_notify
+from thermo.launch.runner import Runner
 
 
 @dataclass(slots=True)
@@ -61,16 +61,18 @@ class RunnerProcess:
 
 
 def main() -> None:
-    """Work on the queue as `accelbench control serve` does."""
-    from accelbench.commands.control.queue_work import serve
+    """Work on the queue, as `accelbench control serve` does, until SIGTERM."""
+    order, stop = json.load(sys.stdin), threading.Event()
+    notify = Path(order["notify"]) if order["notify"] else None
 
-    order = json.load(sys.stdin)
-    notify = order["notify"]
-    with suppress(StoreError):
-        with open_store(order["store"]) as store:
-            if store.is_claimed(CLAIM):
-                return
-        serve(order["store"], Path(notify) if notify else None, as_json=False)
+    def end(number: int, frame: FrameType | None) -> None:
+        stop.set()
+
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, end)
+    # another one may have begun meanwhile: then this one is not needed
+    with suppress(StoreError), NoticeSender(order["store"], read_notify(notify)):
+        Runner(order["store"], notify=notify).run(stop)
 
 
 if __name__ == "__main__":

@@ -44,7 +44,7 @@ class PanelSettings:
                 f"--host {self.host}",
                 "",
                 "other machines can reach this address; expected --users FILE, which "
-                "`accelbench panel add-user` makes",
+                "`accelbench panel-user` makes",
             )
         for option, folder in (("--stations", self.stations), ("--sequences", self.sequences)):
             if not folder.is_dir():

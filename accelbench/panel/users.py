@@ -69,7 +69,7 @@ def read_users(path: Path) -> UserFile:
     """
     found = read_toml(path, UserFile)
     if not found.user:
-        raise InputError(path, "", "no user; `accelbench panel add-user` adds one")
+        raise InputError(path, "", "no user; `accelbench panel-user` adds one")
     return found
 
 

@@ -1,4 +1,4 @@
-"""The one reader of the store for all pages: it looks twice a second and publishes what it saw."""
+"""The one reader of the store for all pages: it looks four times a second and publishes what it saw."""
 
 import logging
 import threading
@@ -19,7 +19,8 @@ from thermo.store.store import Store, open_store
 
 log = logging.getLogger(__name__)
 
-LOOK_S = 0.5
+LOOK_S = 0.25
+SETTLE_S = 1.0  # between two looks at whether controllers are gone
 TESTS_S = 3.0  # between two looks at the list of all tests, which counts readings
 FORGET_S = 60.0  # a test that no page has asked for so long is forgotten
 NEWEST = 50  # commands shown
@@ -83,6 +84,7 @@ class StoreWatch:
     )
     _tests: tuple[TestSummary, ...] = ()
     _tests_s: float = float("-inf")
+    _settled_s: float = float("-inf")
     _stop: threading.Event = field(default_factory=threading.Event)
     _thread: threading.Thread | None = None
 
@@ -123,8 +125,10 @@ class StoreWatch:
             store.close()
 
     def _look(self, store: Store) -> Snapshot:
-        settle_dead_controllers(store, self.url)
         now_s = time.monotonic()
+        if now_s - self._settled_s > SETTLE_S:
+            settle_dead_controllers(store, self.url)
+            self._settled_s = now_s
         if now_s - self._tests_s > TESTS_S:
             self._tests, self._tests_s = store.tests(), now_s
         return Snapshot(

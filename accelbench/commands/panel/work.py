@@ -1,14 +1,15 @@
-"""`accelbench panel`: what it does."""
+"""`accelbench panel` and `panel-user`: what they do."""
 
+import sys
 from pathlib import Path
 from typing import Literal
 
-import click
-
 from accelbench.commands.panel.command import NEEDED
+from accelbench.shell.console import emit
 from accelbench.shell.surroundings import show_warnings_at_once
 from errormodel.errors import WorkbenchError
 from thermo.launch.control import who_asks
+from thermo.store.database import display_url, parse_store_url
 
 
 def panel(
@@ -19,6 +20,7 @@ def panel(
     sequences: Path,
     users: Path | None,
     notify: Path | None,
+    as_json: bool,
 ) -> None:
     """Carry out `accelbench panel`; the arguments are its options."""
     try:
@@ -39,16 +41,27 @@ def panel(
         notify=notify,
     )
     show_warnings_at_once()
-    serve(settings, ready=lambda url: click.echo(f"{url}  (Ctrl-C stops the page; tests go on)"))
+
+    def ready(url: str) -> None:
+        line = f"{url}  (Ctrl-C stops the page; tests go on)"
+        emit({"url": url, "store": display_url(parse_store_url(store))}, [line], as_json=as_json)
+        sys.stdout.flush()
+
+    serve(settings, ready=ready)
 
 
-def add_user(
-    users: Path, name: str, role: Literal["view", "operate", "administer"], password: str
+def panel_user(
+    users: Path,
+    name: str,
+    role: Literal["view", "operate", "administer"],
+    password: str,
+    as_json: bool,
 ) -> None:
-    """Carry out `accelbench panel add-user`; the arguments are its options."""
+    """Carry out `accelbench panel-user`; the arguments are its options."""
     try:
         from accelbench.panel.users import add_user as add
     except ModuleNotFoundError:
         raise WorkbenchError(NEEDED) from None
     add(users, name, role, password)
-    click.echo(f"{users}: {name} may {role}")
+    document = {"users": str(users), "name": name, "role": role}
+    emit(document, [f"{users}: {name} may {role}"], as_json=as_json)

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import click
 
-from accelbench.commands.run.dry_run import foresee_plan, plan_document, plan_text
 from accelbench.commands.run.progress import watching
 from accelbench.commands.run.text import Afterwards, run_document, run_text
 from accelbench.shell.console import emit
+from accelbench.shell.foreseen_plan import foresee_plan, plan_document, plan_text
 from accelbench.shell.outputs import checked_run_output, prove_writable
 from accelbench.shell.progress import working
 from accelbench.shell.surroundings import current_shell

@@ -48,7 +48,12 @@ class _AlarmsPage:
     def _make_notices(self) -> None:
         ui.html("<h2>Notices to people elsewhere</h2>", sanitize=False)
         path = self._context.settings.notify or default_notify_file()
-        ui.label(f"Who is told stands in {path.name}; a notice that is not taken is tried again.")
+        self._is_told = path.exists()
+        ui.label(
+            f"Who is told stands in {path.name}; a notice that is not taken is tried again."
+            if self._is_told
+            else f"Nobody is told: there is no {path.name}; --notify names another file."
+        )
         self._waiting = ui.html("", sanitize=False).classes("w-full")
         if may(self._visitor.role, "operate"):
             ui.button("Send a trial to every address", on_click=self._try, color=None).props("flat")
@@ -65,10 +70,13 @@ class _AlarmsPage:
                 ui.html("<div class='strip good'>✔ No alarm is open.</div>", sanitize=False)
             for alarm in reversed(snapshot.alarms):
                 self._card(alarm)
-        self._waiting.set_content(_waiting(snapshot.notices))
+        self._waiting.set_content(self._not_sent(snapshot.notices))
         past, sent = await in_thread(_history, self._context.settings.store)
         self._past.set_content(_past(past))
-        self._waiting.set_content(_waiting(snapshot.notices) + _sent(sent))
+        self._waiting.set_content(self._not_sent(snapshot.notices) + _sent(sent))
+
+    def _not_sent(self, notices: tuple[Notice, ...]) -> str:
+        return _waiting(notices) if self._is_told else ""
 
     def _card(self, alarm: Alarm) -> None:
         about = alarm.about

@@ -20,8 +20,8 @@ from thermo.store.operation.commands import Action
 from thermo.store.operation.controllers import ControllerBeat
 from thermo.store.records import EventRecord
 
-TICK_S = 0.5
-PICTURE_TICKS = 2  # pictures are drawn anew every second
+TICK_S = 0.25
+PICTURE_TICKS = 4  # pictures are drawn anew every second
 
 
 def register(context: PanelContext) -> None:

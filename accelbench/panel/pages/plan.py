@@ -6,7 +6,6 @@ from html import escape
 from nicegui import events, ui
 from starlette.requests import Request
 
-from accelbench.commands.run.dry_run import foresee_plan, plan_text
 from accelbench.panel.actions import Outcome
 from accelbench.panel.charts import plan_chart
 from accelbench.panel.context import PanelContext
@@ -16,6 +15,7 @@ from accelbench.panel.frame import figure, frame, local_time
 from accelbench.panel.sessions import Visitor
 from accelbench.panel.users import may
 from accelbench.panel.work import in_thread, tell
+from accelbench.shell.foreseen_plan import foresee_plan, plan_text
 from errormodel.errors import WorkbenchError
 from thermo.planning.plan import Plan
 from thermo.planning.text import duration_text

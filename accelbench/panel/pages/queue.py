@@ -174,13 +174,18 @@ def _over(planned: tuple[PlannedTest, ...]) -> str:
     return table(columns, rows[:SHOWN], numbers=(0,))
 
 
+def _planned(command: Command) -> str:
+    number = command.arguments.get("planned")
+    return f"planned {number:.0f}" if isinstance(number, float) else "–"
+
+
 def _commands(commands: tuple[Command, ...]) -> str:
     rows = [
         [
             local_time(c.asked_utc),
             escape(c.who),
             escape(c.action.replace("_", " ")),
-            escape(c.test_id or str(c.arguments.get("planned", "–"))),
+            escape(c.test_id or _planned(c)),
             escape(c.state),
             escape(str(c.arguments.get("reason", ""))),
             escape(c.outcome),
