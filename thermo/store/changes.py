@@ -1,6 +1,6 @@
 """The store's changes to its database, each inside a transaction that the caller began."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import sqlalchemy as sa
@@ -8,7 +8,10 @@ import sqlalchemy as sa
 from errormodel.errors import StoreError
 from thermo.store import queries, schema
 from thermo.store.database import utc_now
+from thermo.store.records import signal_values
+from thermo.store.schema import readings as reading_table
 from thermo.store.schema import runs as run_table
+from thermo.store.schema import signals as signal_table
 from thermo.store.schema import tests as test_table
 
 
@@ -139,3 +142,15 @@ def void_attempts(
         rows = [mark | {"attempt": number} for number in sorted(chosen)]
         connection.execute(sa.insert(schema.voided), rows)
     return max(made | old | chosen, default=0) + 1
+
+
+_INSERT_READINGS = sa.insert(reading_table)
+
+
+def insert_readings(connection: sa.Connection, values: Sequence[Mapping[str, Any]]) -> None:
+    """Add readings; their signals stand in a table of their own."""
+    plain = [{n: v for n, v in value.items() if n != "signals"} for value in values]
+    connection.execute(_INSERT_READINGS, plain)
+    signals = [one for value in values for one in signal_values(value)]
+    if signals:
+        connection.execute(sa.insert(signal_table), signals)

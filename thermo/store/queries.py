@@ -89,13 +89,6 @@ def _has_signals(connection: sa.Connection, value: Mapping[str, Any]) -> bool:
     }
 
 
-def insert_signals(connection: sa.Connection, values: Sequence[Mapping[str, Any]]) -> None:
-    """Add the signals of readings."""
-    rows = [one for value in values for one in signal_values(value)]
-    if rows:
-        connection.execute(sa.insert(signal_table), rows)
-
-
 def signal_names(connection: sa.Connection, test_id: str) -> tuple[str, ...]:
     """Return the names of a test's recorded signals."""
     s = signal_table.c

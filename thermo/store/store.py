@@ -186,9 +186,7 @@ class Store(StoreReader):
                 with self._engine.begin() as connection:
                     for key in attempts - self._checked:
                         queries.need_open_attempt(connection, *key)
-                    connection.execute(_INSERT_READINGS, [_plain(v) for v in values])
-                    if any("signals" in v for v in values):
-                        queries.insert_signals(connection, values)
+                    changes.insert_readings(connection, values)
             except IntegrityError as err:
                 raise self._clash(test_id, run, values, err) from err
         self._checked |= attempts
@@ -345,11 +343,3 @@ class Store(StoreReader):
             f"{where}: {twice['serial']} slot {twice['slot']} attempt {twice['attempt']} is there "
             "already, expected a reading not yet stored; nothing was changed"
         )
-
-
-_INSERT_READINGS = sa.insert(schema.readings)
-
-
-def _plain(values: dict[str, Any]) -> dict[str, Any]:
-    """Return a reading's values without its signals, which stand in a table of their own."""
-    return {name: value for name, value in values.items() if name != "signals"}
