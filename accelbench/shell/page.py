@@ -141,8 +141,8 @@ class Page:
         What comes first.
     about : str
         A line of the header: the model, the runs.
-    measured : str
-        When, a line of the header.
+    measured : str, optional
+        When, a line of the header; empty where that is not recorded, None of what is no recording.
     made_by : str
         Beside the software at the end.
     """
@@ -151,7 +151,7 @@ class Page:
     sections: tuple[Section, ...]
     verdicts: tuple[Banner, ...] = ()
     about: str = ""
-    measured: str = ""
+    measured: str | None = None
     made_by: str = ""
 
     @property

@@ -13,6 +13,9 @@ from sinscal.judgement.judge import Judged
 from sinscal.model.chamber import ChamberModel
 from sinscal.recording.run import RigRun
 
+USE = "Use the combined calibration."
+MEND = "Use neither rig's nor chamber's values of these until it is known which is wrong."
+
 
 def render_combined(
     made: Combination,
@@ -39,6 +42,7 @@ def render_combined(
                 text="; ".join(result.contradictions)
                 or ("rig and chamber agree" if agrees else "not converged"),
                 state="good" if agrees else "bad",
+                todo=USE if agrees else MEND,
             ),
             *verdict_boxes(result),
             Banner(text=worth),

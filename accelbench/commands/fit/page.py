@@ -15,6 +15,7 @@ from accelbench.shell.page import (
     Page,
     ReportTable,
     Section,
+    measured_on,
     render_page,
     source_rows,
 )
@@ -26,6 +27,9 @@ from thermo.recording.files import RecordedRuns
 from thermo.uncertainty.by_position import by_position_sentence
 from thermo.uncertainty.left_out import left_out_sentence
 
+USE = "Use the model within the temperatures and rates it is valid for."
+SEARCH = "Use the model with care; `accelbench discrepancy thermal` names what is missing from it."
+REPLACE = "Do not use the model; check the recording's positions, unit and scale, and fit again."
 ABREAST = 3  # accelerometers in one table of coefficients: what a sheet of A4 takes
 SUMMARY_COLUMNS = (
     "serial", "constants only", "with the model", "on runs not fitted", "heating − cooling",
@@ -109,6 +113,7 @@ def render_report(
         verdicts=tuple(verdicts(fits)),
         sections=sections,
         about=f"model {model.model_id}",
+        measured=measured_on(runs),
         made_by=f"Model file format {model.format} {model.format_version}, made by "
         f"{model.software}.",
     )
@@ -122,11 +127,14 @@ def verdicts(fits: Sequence[AccelerometerFit]) -> Iterator[Banner]:
         found = list(findings(one))
         if found:
             state = "bad" if one.worse_than_none else "open"
-            yield Banner(text=f"{one.serial}: {'; '.join(found)}", state=state)
+            todo = REPLACE if one.worse_than_none else SEARCH
+            yield Banner(text=f"{one.serial}: {'; '.join(found)}", state=state, todo=todo)
         else:
             sound.append(one.serial)
     if sound:
-        yield Banner(text=f"{', '.join(sound)}: no structure is seen in the residual", state="good")
+        yield Banner(
+            text=f"{', '.join(sound)}: no structure is seen in the residual", state="good", todo=USE
+        )
 
 
 def findings(one: AccelerometerFit) -> Iterator[str]:

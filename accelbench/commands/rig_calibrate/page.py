@@ -1,6 +1,6 @@
 """The report of a rig calibration: one HTML file and its pictures."""
 
-from accelbench.commands.rig_calibrate.figures import calibration_pictures
+from accelbench.commands.rig_calibrate.figures import calibration_pictures, correlations_of
 from accelbench.commands.rig_calibrate.text import (
     COLUMNS,
     PASSED,
@@ -13,12 +13,22 @@ from accelbench.commands.rig_calibrate.text import (
 )
 from accelbench.shell.console import number
 from accelbench.shell.outputs import REPORT_NAME
-from accelbench.shell.page import Banner, Page, ReportTable, Section, render_page
+from accelbench.shell.page import (
+    Banner,
+    Page,
+    ReportTable,
+    Section,
+    correlation_tables,
+    render_page,
+)
 from sinscal.judgement.judge import Judged
 from sinscal.judgement.result_file import ResultContent
 from sinscal.recording.run import NavRun, RigRun
 
 LISTED = 30  # refused measurements
+USE = "Use the estimates with their sigmas; the section Application says how."
+MEND = "Do not use the estimates; remove the cause and calibrate again."
+REST = "Nothing, if the other tests are enough; else record what these need."
 TERMS = (
     "An innovation is the difference between a measurement and its prediction by the filter. NIS "
     "is its square divided by its variance, 1 on average if the sigmas are right. White: "
@@ -54,9 +64,9 @@ def verdict_boxes(result: ResultContent) -> tuple[Banner, ...]:
     """Return whether the calibration can be trusted, and what was not tested."""
     text, left = verdict(result), not_made(result)
     if not text.startswith(PASSED):
-        return (Banner(text=text, state="bad"),)
-    passed = Banner(text=PASSED, state="good")
-    return (passed, Banner(text=left, state="open")) if left else (passed,)
+        return (Banner(text=text, state="bad", todo=MEND),)
+    passed = Banner(text=PASSED, state="good", todo=USE)
+    return (passed, Banner(text=left, state="open", todo=REST)) if left else (passed,)
 
 
 def calibration_sections(
@@ -76,7 +86,12 @@ def calibration_sections(
             pictures=(drawn,),
         ),
         *_protection(result),
-        Section(title="Separability of the parameters", points=tuple(observability_lines(result))),
+        Section(
+            title="Separability of the parameters",
+            points=tuple(observability_lines(result)),
+            tables=correlation_tables(*correlations_of(judged)),
+            words=(0, 1),
+        ),
         Section(title="Pictures", pictures=tuple(others)),
         _refused(result),
         _source(result),

@@ -83,7 +83,7 @@ def test_a_programme_of_one_s_own_with_priors_groups_and_report(call, short, tmp
     assert document["names"] == list(found)
     assert "gyro_scale_z" in document["coarse"]["not_seen"]  # nothing turns about z
     assert {p.name for p in report.glob("*.png")} == {
-        "programme.png", "sigmas_coarse.png", "budget_coarse.png", "correlations_coarse.png",
+        "programme.png", "sigmas_coarse.png", "budget_coarse.png",
     }  # fmt: skip
     assert "lever_arm_x_y" in (report / "report.html").read_text()
 
