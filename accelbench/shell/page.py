@@ -12,6 +12,7 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
+from accelbench.shell.console import in_words
 from accelbench.shell.laboratory import Laboratory
 from accelbench.shell.plotting import Picture
 from accelbench.shell.surroundings import current_shell
@@ -208,7 +209,11 @@ def correlation_tables(names: Sequence[str], matrix: FloatArray) -> tuple[Report
     size = np.abs(matrix[one, other])
     order = [int(k) for k in np.argsort(-size, kind="stable") if size[k] >= LEAST_CORRELATION]
     rows = tuple(
-        (names[one[k]], names[other[k]], f"{matrix[one[k], other[k]]:+.2f}".replace("-", "−"))
+        (
+            in_words(names[one[k]]),
+            in_words(names[other[k]]),
+            f"{matrix[one[k], other[k]]:+.2f}".replace("-", "−"),
+        )
         for k in order
     )
     if not rows:

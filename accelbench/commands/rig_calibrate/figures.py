@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from accelbench.shell.console import in_words
 from accelbench.shell.plotting import (
     COLOURS,
     FEW_LINES,
@@ -88,7 +89,7 @@ def _draw_group(axes: Any, group: str, names: list[str], result: ResultContent) 
     axes.set_xlim(-0.6, len(names) - 0.4)
     axes.axhline(0.0, color="#BBBBBB", linewidth=0.8, zorder=0)
     axes.margins(y=0.1)
-    dress(axes, title=f"{group}, {unit}")
+    dress(axes, title=f"{in_words(group)}, {unit}")
 
 
 def _clock(judged: Judged) -> tuple[FloatArray, FloatArray]:
@@ -174,8 +175,8 @@ def draw_sigmas(judged: Judged) -> Picture:
             continue
         ratio = found.filtered.sigmas[:, np.array(places)[kept]] / prior[kept]
         mean = np.exp(np.mean(np.log(np.maximum(ratio, 1e-12)), axis=1))
-        times[group] = np.append(0.0, clock[steps])
-        shares[group] = np.append(1.0, mean)
+        times[in_words(group)] = np.append(0.0, clock[steps])
+        shares[in_words(group)] = np.append(1.0, mean)
     lines = draw_largest(axes, times, shares)
     axes.set_yscale("log")
     for start in starts[1:]:

@@ -1,5 +1,7 @@
 """The report of a rig calibration: one HTML file and its pictures."""
 
+from collections.abc import Iterable
+
 from accelbench.commands.rig_calibrate.figures import calibration_pictures, correlations_of
 from accelbench.commands.rig_calibrate.text import (
     COLUMNS,
@@ -11,7 +13,7 @@ from accelbench.commands.rig_calibrate.text import (
     protection_lines,
     verdict,
 )
-from accelbench.shell.console import number
+from accelbench.shell.console import in_words, number
 from accelbench.shell.outputs import REPORT_NAME
 from accelbench.shell.page import (
     Banner,
@@ -29,6 +31,10 @@ LISTED = 30  # refused measurements
 USE = "Use the estimates with their sigmas; the section Application says how."
 MEND = "Do not use the estimates; remove the cause and calibrate again."
 REST = "Nothing, if the other tests are enough; else record what these need."
+NAMES = (
+    "In the result file and in options the words are joined by underscores, and accelerometer is "
+    "accel."
+)
 TERMS = (
     "An innovation is the difference between a measurement and its prediction by the filter. NIS "
     "is its square divided by its variance, 1 on average if the sigmas are right. White: "
@@ -51,13 +57,18 @@ def render_calibration(
     result : ResultContent
         Made of both.
     """
-    estimates = ReportTable(title="", columns=COLUMNS, rows=tuple(parameter_rows(result)))
+    estimates = ReportTable(title="", columns=COLUMNS, rows=in_words_first(parameter_rows(result))
     page = Page(
         title=f"Rig calibration, {result.mode}, of {result.run.source}",
         verdicts=verdict_boxes(result),
         sections=calibration_sections(judged, run, result, estimates),
     )
     return render_page(page, REPORT_NAME)
+
+
+def in_words_first(rows: Iterable[tuple[str, ...]]) -> tuple[tuple[str, ...], ...]:
+    """Return rows whose first cell, a parameter's name, is in words."""
+    return tuple((in_words(name), *rest) for name, *rest in rows)
 
 
 def verdict_boxes(result: ResultContent) -> tuple[Banner, ...]:
@@ -80,7 +91,7 @@ def calibration_sections(
         _warnings(result),
         Section(
             title="Estimates",
-            lines=("Measured = true + error; all parameters are errors of the sensors.",),
+            lines=("Measured = true + error; all parameters are errors of the sensors.", NAMES),
             table=estimates,
             words=(0, 1),
             pictures=(drawn,),

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 
 from accelbench.commands.rig_plan.text import groups_in, main_sources
+from accelbench.shell.console import in_words
 from accelbench.shell.plotting import (
     COLOURS,
     FEW_LINES,
@@ -87,7 +88,7 @@ def draw_planned_sigmas(one: RigCovariance, mode: str) -> Picture:
     axes = figure.subplots()
     minutes = one.time_s / 60.0
     left = {
-        group: np.median(one.history[:, places] / one.prior_sigmas[places], axis=1)
+        in_words(group): np.median(one.history[:, places] / one.prior_sigmas[places], axis=1)
         for group, places in groups_in(one).items()
     }
     lines = draw_largest(axes, dict.fromkeys(left, minutes), left)
@@ -121,7 +122,15 @@ def draw_budget(one: RigCovariance, mode: str) -> Picture:
     left, bars = np.zeros(len(groups)), list[Any]()
     for k, part in enumerate(shares.values()):
         colour = SOURCE_COLOURS[k % len(SOURCE_COLOURS)]
-        bars.append(axes.barh(groups, 100.0 * part, left=100.0 * left, color=colour, height=0.7))
+        bars.append(
+            axes.barh(
+                [in_words(g) for g in groups],
+                100.0 * part,
+                left=100.0 * left,
+                color=colour,
+                height=0.7,
+            )
+        )
         left = left + part
     axes.invert_yaxis()
     axes.set_xlim(0.0, 100.0)

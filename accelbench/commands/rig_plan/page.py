@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 
+from accelbench.commands.rig_calibrate.page import NAMES, in_words_first
 from accelbench.commands.rig_calibrate.text import names_by_axis
 from accelbench.commands.rig_plan.figures import (
     draw_budget,
@@ -37,6 +38,7 @@ CHANGE = "Change the programme as advised below, or do without these parameters.
 CONVENTIONS = (
     "Measured = true + error: ω′ = (I + Θ)ω + ν⁰ + …, f′ = (I + Γ)f + Δf⁰ + …; Γ lower triangular "
     "fixes the body's axes, Θ is full.",
+    NAMES,
     "Sigmas are standard deviations (1 σ); a density of noise is the sigma of a mean over "
     "one second.",
     "The covariance is that of the calibration filter on the exact motion of the programme; it "
@@ -114,7 +116,7 @@ def _mode(mode: str, one: RigCovariance, advice: Sequence[Advice]) -> Iterator[S
     yield Section(
         title=HEADINGS[mode],
         points=tuple(remarks(one, advice)),
-        table=ReportTable(title="", columns=SIGMA_COLUMNS, rows=tuple(sigma_rows(one))),
+        table=ReportTable(title="", columns=SIGMA_COLUMNS, rows=in_words_first(sigma_rows(one))),
         words=(0, 1, 4),
         pictures=(
             draw_planned_sigmas(one, mode),
