@@ -74,6 +74,12 @@ def _exponent(value: float) -> int:
     return int(f"{value:e}".split("e")[1])
 
 
+def in_words(name: str) -> str:
+    """Return a parameter's or group's name of the rig as people say it: accelerometer bias x."""
+    spelt = {"accel": "accelerometer", "k0": "K0", "k1": "K1"}
+    return " ".join(spelt.get(part, part) for part in name.split("_"))
+
+
 def micro_g(value: float | None) -> str:
     """Write an acceleration given in µg; large ones also in mg."""
     if value is None:

@@ -5,10 +5,12 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
+from accelbench.shell.browser_print import find_browser, print_pdf
+from accelbench.shell.surroundings import current_shell
 from errormodel.errors import InputError
 from errormodel.io.atomic import draft_name, write_files
 
@@ -16,6 +18,8 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
 
 REPORT_NAME = "report.html"
+PDF_SUFFIX = ".pdf"
+Command = TypeVar("Command", bound=Callable[..., Any])
 TRIAL = 4096  # bytes of the file that proves a place: a full disk still makes empty ones
 
 
@@ -108,19 +112,32 @@ def _take_away(remove: Callable[[], None]) -> None:
         remove()
 
 
-def check_report_folder(folder: Path, *, force: bool) -> None:
-    """Check where a report shall go.
+def report_file(place: Path) -> Path:
+    """Return the file that `--report PLACE` is about: the PDF, or the page in the folder."""
+    return place if place.suffix.lower() == PDF_SUFFIX else place / REPORT_NAME
+
+
+def check_report(place: Path, *, force: bool) -> None:
+    """Check where a report shall go: a folder, or FILE.pdf.
 
     Raises
     ------
     UsageError
-        If it is a file.
+        If it is another file, or a PDF is asked for and no browser can print it.
     InputError
-        If there is a report in it that must not be replaced, or nothing can be written there.
+        If there is a report that must not be replaced, or nothing can be written there.
     """
-    if folder.exists() and not folder.is_dir():
-        raise click.UsageError(f"--report {folder}: is a file, expected a folder")
-    report = folder / REPORT_NAME
+    report = report_file(place)
+    if report == place:
+        if report.is_dir():
+            raise click.UsageError(f"--report {place}: is a folder, expected the name of a PDF")
+        if find_browser() is None:
+            raise click.UsageError(
+                f"--report {place}: a PDF is printed by Chromium, which is not installed; give a "
+                "folder for HTML"
+            )
+    elif place.exists() and not place.is_dir():
+        raise click.UsageError(f"--report {place}: is a file, expected a folder or FILE.pdf")
     if report.exists() and not force:
         raise InputError(report, "", "exists already; give another name, or --force to replace it")
     prove_writable(report)
@@ -134,12 +151,12 @@ def check_results(
     Raises
     ------
     UsageError, InputError
-        As `checked_output` and `check_report_folder`.
+        As `checked_output` and `check_report`.
     """
     if out is not None:
         checked_output(out, inputs, force=force)
     if report is not None:
-        check_report_folder(report, force=force)
+        check_report(report, force=force)
 
 
 @dataclass(slots=True)
@@ -169,12 +186,17 @@ class Results:
         self.document[key] = str(out) if files else None
         self.text += lines
 
-    def add_report(self, folder: Path | None, pages: Callable[[], Mapping[str, bytes]]) -> None:
-        """Add a report's files when it is asked for."""
-        if folder is not None:
-            self.files += [(folder / name, content) for name, content in pages().items()]
-            self.document["report"] = str(folder / REPORT_NAME)
-            self.text.append(f"report: {folder / REPORT_NAME}")
+    def add_report(self, place: Path | None, pages: Callable[[], Mapping[str, bytes]]) -> None:
+        """Add a report when it is asked for: a page and its pictures, or a PDF of the page."""
+        if place is None:
+            return
+        report, made = report_file(place), pages()
+        if report == place:
+            self.files.append((report, print_pdf(made[REPORT_NAME])))
+        else:
+            self.files += [(place / name, content) for name, content in made.items()]
+        self.document["report"] = str(report)
+        self.text.append(f"report: {report}")
 
     def write(self, *, as_json: bool) -> None:
         """Write the files, all or none, and then tell."""
@@ -195,3 +217,29 @@ json_option = click.option(
     "--json", "as_json", is_flag=True, help="Write one JSON document and nothing else."
 )
 force_option = click.option("--force", is_flag=True, help="Replace output files that exist.")
+
+
+def _take_laboratory(ctx: click.Context, param: click.Parameter, value: Path | None) -> None:
+    if value is not None and not ctx.resilient_parsing:
+        from accelbench.shell.laboratory import read_laboratory  # pydantic takes its time
+
+        current_shell().laboratory = read_laboratory(value)
+
+
+_REPORT = click.option(
+    "--report", type=Path, help="Folder for the report and its figures, or FILE.pdf."
+)
+_LAB = click.option(
+    "--lab",
+    type=Path,
+    metavar="LAB.toml",
+    envvar="ACCELBENCH_LAB",
+    expose_value=False,
+    callback=_take_laboratory,
+    help="Laboratory, operator, instruments for the report's header.",
+)
+
+
+def report_options(command: Command) -> Command:
+    """Give a command `--report` and `--lab`; the laboratory is kept in the surroundings."""
+    return _REPORT(_LAB(command))

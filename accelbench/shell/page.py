@@ -2,18 +2,27 @@
 
 import base64
 import platform
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
 from typing import Any, Literal
 
+import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
 
+from accelbench.shell.console import in_words
+from accelbench.shell.laboratory import Laboratory
 from accelbench.shell.plotting import Picture
+from accelbench.shell.surroundings import current_shell
+from errormodel.arrays import FloatArray
 from thermo.recording.files import RecordedRuns
 
 SOFTWARE = ("accelbench", "numpy", "scipy", "pandas", "matplotlib")
+UPRIGHT_COLUMNS = 8  # more do not fit beside each other on upright A4 in print that can be read
+LARGEST = 10  # correlations that are shown at once
+LEAST_CORRELATION = 0.05  # below it a pair is of no use to anybody
 SOURCE_COLUMNS = ("run", "use", "begun", "readings", "flagged", "SHA-256 of the content")
 
 
@@ -30,15 +39,26 @@ class ReportTable:
         A cell for each column.
     note : str
         Stands below it.
+    folded : bool
+        Whether only the title is shown until it is asked for; paper shows the title alone.
     """
 
     title: str = ""
     columns: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
     note: str = ""
+    folded: bool = False
+
+    @property
+    def is_wide(self) -> bool:
+        """Whether it takes a sheet of paper of its own, laid across."""
+        return len(self.columns) > UPRIGHT_COLUMNS
 
 
 BannerState = Literal["good", "bad", "open", ""]
+# a symbol and a word beside the colour, which not everybody and no photocopy can see
+STATE_SYMBOLS = {"good": "✔", "bad": "✘", "open": "▲", "": "●"}
+STATE_WORDS = {"good": "In order", "bad": "Not in order", "open": "Attention", "": "Result"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -50,10 +70,23 @@ class Banner:
     text : str
     state : {"good", "bad", "open", ""}
         Colours the box; open is what could not be decided, and empty what is not judged.
+    todo : str
+        What the reader is to do now, a sentence.
     """
 
     text: str
     state: BannerState = ""
+    todo: str = ""
+
+    @property
+    def symbol(self) -> str:
+        """The symbol of the state."""
+        return STATE_SYMBOLS[self.state]
+
+    @property
+    def word(self) -> str:
+        """The state in words."""
+        return STATE_WORDS[self.state]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -108,7 +141,9 @@ class Page:
     verdicts : tuple of Banner
         What comes first.
     about : str
-        Beside the date: the model, the runs.
+        A line of the header: the model, the runs.
+    measured : str, optional
+        When, a line of the header; empty where that is not recorded, None of what is no recording.
     made_by : str
         Beside the software at the end.
     """
@@ -117,6 +152,7 @@ class Page:
     sections: tuple[Section, ...]
     verdicts: tuple[Banner, ...] = ()
     about: str = ""
+    measured: str | None = None
     made_by: str = ""
 
     @property
@@ -129,7 +165,9 @@ class Page:
 def render_page(page: Page, name: str) -> dict[str, bytes]:
     """Return a page's files by name, its pictures beside it, without writing any."""
     drawn = {p.name: p.png for s in page.sections for p in s.pictures}
-    return {name: rendered("report.html.j2", page=page).encode(), **drawn}
+    laboratory = current_shell().laboratory or Laboratory()
+    text = rendered("report.html.j2", page=page, laboratory=laboratory)
+    return {name: text.encode(), **drawn}
 
 
 def rendered(template: str, **content: Any) -> str:
@@ -141,15 +179,65 @@ def rendered(template: str, **content: Any) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    environment.filters["css_string"] = css_string
     return environment.get_template(template).render(
         made=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"), software=software(), **content
     )
+
+
+def css_string(text: str) -> Markup:
+    """Return text as it may stand between quotes in a style sheet, whatever its characters."""
+    kept = (c if c.isascii() and (c.isalnum() or c in " .,:-") else f"\\{ord(c):x} " for c in text)
+    return Markup("".join(kept))
+
+
+def correlation_tables(names: Sequence[str], matrix: FloatArray) -> tuple[ReportTable, ...]:
+    """Return the largest correlations of what is estimated, and the others to be unfolded.
+
+    Parameters
+    ----------
+    names : sequence of str, length p
+    matrix : ndarray, shape (p, p)
+        Of correlations.
+
+    Returns
+    -------
+    tuple of ReportTable
+        None without two parameters; the second only where there are more than `LARGEST` pairs.
+    """
+    one, other = np.triu_indices(len(names), 1)
+    size = np.abs(matrix[one, other])
+    order = [int(k) for k in np.argsort(-size, kind="stable") if size[k] >= LEAST_CORRELATION]
+    rows = tuple(
+        (
+            in_words(names[one[k]]),
+            in_words(names[other[k]]),
+            f"{matrix[one[k], other[k]]:+.2f}".replace("-", "−"),
+        )
+        for k in order
+    )
+    if not rows:
+        return ()
+    columns = ("parameter", "and parameter", "correlation")
+    first = ReportTable(columns=columns, rows=rows[:LARGEST])
+    if len(rows) <= LARGEST:
+        return (first,)
+    title = f"The other {len(rows) - LARGEST} correlations of {LEAST_CORRELATION:g} and more"
+    return first, ReportTable(title=title, columns=columns, rows=rows[LARGEST:], folded=True)
 
 
 def embedded(one: Picture) -> dict[str, str]:
     """Return a picture as templates take it, its bytes within the page."""
     data = base64.b64encode(one.png).decode("ascii")
     return {"name": one.name, "caption": one.caption, "uri": f"data:image/png;base64,{data}"}
+
+
+def measured_on(runs: RecordedRuns) -> str:
+    """Return the days on which the runs began, UTC."""
+    days = sorted(start.strftime("%Y-%m-%d") for start in runs.run_start_utc.values() if start)
+    if not days:
+        return ""
+    return days[0] if days[0] == days[-1] else f"{days[0]} to {days[-1]}"
 
 
 def source_rows(runs: RecordedRuns, fitted: Collection[str]) -> list[tuple[str, ...]]:

@@ -5,7 +5,7 @@ Figures are made with matplotlib's objects only: no window, no state that one le
 
 import io
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -30,7 +30,7 @@ DIRECTION_STYLE = {
 }
 MAX_POINTS = 6000  # of one scatter: more only blackens the page and takes its time
 DPI = 140  # sharp enough on paper
-CORRELATED = 0.3  # a parameter without such a correlation is not in the picture of them
+FEW_LINES = 6  # told apart in one panel; more nobody follows
 MILLI_FROM_UG = 5000.0  # larger values are shown in mg
 
 
@@ -131,40 +131,37 @@ def legend_below(
     )
 
 
-def draw_correlation_matrix(
-    names: Sequence[str], matrix: FloatArray, name: str, title: str
-) -> Picture:
-    """Draw the correlations of the parameters that correlate with another one at all.
+def draw_largest(
+    axes: Any, times: Mapping[str, FloatArray], values: Mapping[str, FloatArray]
+) -> dict[str, Any]:
+    """Draw lines of which those that end highest are told apart, the others grey behind them.
 
     Parameters
     ----------
-    names : sequence of str
-    matrix : ndarray, shape (p, p)
-    name : str
-        Of the file.
-    title : str
-        What the parameters are of; empty for none.
+    axes : matplotlib axes
+    times, values : mapping of str to ndarray
+        Of each line, by the same names.
+
+    Returns
+    -------
+    dict of str to line
+        For the legend; the grey ones have one entry.
     """
-    apart = np.abs(matrix - np.diag(np.diag(matrix)))
-    shown = np.flatnonzero(apart.max(axis=1, initial=0.0) >= CORRELATED)
-    if not shown.size:
-        shown = np.arange(len(names))
-    left = len(names) - shown.size
-    size = 3.4 + 0.19 * shown.size
-    figure = new_figure(size + 1.0, size)
-    axes = figure.subplots()
-    image = axes.imshow(matrix[np.ix_(shown, shown)], vmin=-1.0, vmax=1.0, cmap="RdBu_r")
-    told = [names[int(k)] for k in shown]
-    axes.set_xticks(range(shown.size), told, rotation=90.0, fontsize=7)
-    axes.set_yticks(range(shown.size), told, fontsize=7)
-    if title:
-        axes.set_title(title, fontsize=10)
-    bar = figure.colorbar(image, ax=axes, shrink=0.7)
-    bar.set_label("correlation", fontsize=9)
-    bar.ax.tick_params(labelsize=8)
-    caption = f"Correlations beyond ±{CORRELATED:g} of what is estimated"
-    caption += f"; {left} further parameters have none." if left else "."
-    return picture(figure, name, caption)
+    order = sorted(values, key=lambda name: -float(values[name][-1]))
+    shown = order[:FEW_LINES] if len(order) > FEW_LINES + 1 else order
+    lines: dict[str, Any] = {}
+    for k, name in enumerate(shown):
+        (lines[name],) = axes.plot(
+            times[name], values[name],
+            color=COLOURS[k % len(COLOURS)], linestyle=STYLES[k % len(STYLES)], linewidth=1.4,
+            marker=MARKERS[k % len(MARKERS)], markersize=4.0,
+            markevery=(k, max(1, times[name].size // 12)),
+        )  # fmt: skip
+    others = order[len(shown) :]
+    for name in others:
+        (line,) = axes.plot(times[name], values[name], color="#C4C4C4", linewidth=1.0, zorder=1)
+        lines[f"{len(others)} smaller ones"] = line
+    return lines
 
 
 def file_part(serial: str) -> str:

@@ -6,11 +6,15 @@ import signal
 import threading
 from dataclasses import dataclass, field
 from types import FrameType
+from typing import TYPE_CHECKING
 
 import click
 
 from accelbench.shell.terminal import Terminal
 from thermo.station.observers.detached import CLOSE_S
+
+if TYPE_CHECKING:
+    from accelbench.shell.laboratory import Laboratory
 
 DONE, FAILED, MISUSE, STOPPED = 0, 1, 2, 130
 HELD_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -86,9 +90,10 @@ class LateSignals:
 
 @dataclass(slots=True)
 class Shell:
-    """Surroundings of one command."""
+    """Surroundings of one command; the laboratory is the one stated with `--lab`."""
 
     terminal: Terminal
+    laboratory: "Laboratory | None" = None
     held: HeldWarnings = field(default_factory=HeldWarnings)
     late_signals: LateSignals = field(default_factory=LateSignals)
 

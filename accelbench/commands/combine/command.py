@@ -9,6 +9,7 @@ from accelbench.shell.library import library_option
 from accelbench.shell.outputs import (
     force_option,
     json_option,
+    report_options,
 )
 
 
@@ -29,7 +30,7 @@ from accelbench.shell.outputs import (
 @click.option("--turn-on-ppm", type=click.FloatRange(min=0.0), default=0.0,
               help="Change of K1 since the chamber test, 1 sigma, ppm.")  # fmt: skip
 @click.option("--out", type=Path, help="RESULT.json to write: the compensation file for flight.")
-@click.option("--report", type=Path, help="Folder for the report and its figures.")
+@report_options
 @force_option
 @library_option()
 @json_option

@@ -4,7 +4,11 @@ from collections.abc import Sequence
 
 from accelbench.commands.combine.figures import combine_pictures
 from accelbench.commands.combine.text import ALL_COLUMNS, chamber_lines, combined_rows
-from accelbench.commands.rig_calibrate.page import calibration_sections, verdict_boxes
+from accelbench.commands.rig_calibrate.page import (
+    calibration_sections,
+    in_words_first,
+    verdict_boxes,
+)
 from accelbench.joint.result_file import CombinedResult
 from accelbench.shell.outputs import REPORT_NAME
 from accelbench.shell.page import Banner, Page, ReportTable, Section, render_page
@@ -12,6 +16,9 @@ from sinscal.combination.combine import Combination
 from sinscal.judgement.judge import Judged
 from sinscal.model.chamber import ChamberModel
 from sinscal.recording.run import RigRun
+
+USE = "Use the combined calibration."
+MEND = "Use neither rig's nor chamber's values of these until it is known which is wrong."
 
 
 def render_combined(
@@ -30,7 +37,7 @@ def render_combined(
         points=told,
         pictures=tuple(combine_pictures(made, run, chambers, result)),
     )
-    table = ReportTable(title="", columns=ALL_COLUMNS, rows=tuple(combined_rows(result)))
+    table = ReportTable(title="", columns=ALL_COLUMNS, rows=in_words_first(combined_rows(result)))
     worth = told[1]
     agrees = not result.contradictions and result.converged
     page = Page(
@@ -39,6 +46,7 @@ def render_combined(
                 text="; ".join(result.contradictions)
                 or ("rig and chamber agree" if agrees else "not converged"),
                 state="good" if agrees else "bad",
+                todo=USE if agrees else MEND,
             ),
             *verdict_boxes(result),
             Banner(text=worth),

@@ -8,15 +8,13 @@ from accelbench.commands.rig_calibrate.options import asked_groups
 from accelbench.joint.chambers import chamber_model, three_serials
 from accelbench.joint.combined import combine_and_judge
 from accelbench.joint.result_file import CombinedResult
-from accelbench.shell.console import emit
 from accelbench.shell.outputs import (
-    REPORT_NAME,
+    Results,
     check_results,
     with_sidecars,
 )
 from accelbench.shell.progress import working
 from accelbench.shell.surroundings import show_warnings_at_once
-from errormodel.io.atomic import write_files
 from sinscal.combination.combine import Combination
 from sinscal.judgement.judge import Judged
 from sinscal.judgement.result_file import dump_result
@@ -62,34 +60,24 @@ def combine(
             turn_on={"k0": 1e-6 * turn_on_ug, "k1": 1e-6 * turn_on_ppm},
             tell=work.tell,
         )
-    document, text = result.model_dump(mode="json"), list(combined_text(result))
-    written: list[tuple[Path, bytes]] = []
-    if out is not None:
-        written.append((out, dump_result(result).encode()))
-        document["out"] = str(out)
-        text.append(f"result file: {out}")
-    if report is not None:
-        written += _report_files(made, judged, run, chambers, result, report)
-        document["report"] = str(report / REPORT_NAME)
-        text.append(f"report: {report / REPORT_NAME}")
-    write_files(written)
-    emit(document, text, as_json=as_json)
+    results = Results(result.model_dump(mode="json"), list(combined_text(result)))
+    results.add_file("result file", out, lambda: dump_result(result))
+    results.add_report(report, lambda: _pages(made, judged, run, chambers, result))
+    results.write(as_json=as_json)
     failed = bool(made.test.contradictions) or not made.calibration.converged
     return FAILED if failed else 0
 
 
-def _report_files(
+def _pages(
     made: Combination,
     judged: Judged,
     run: RigRun,
     chambers: Sequence[ChamberModel],
     result: CombinedResult,
-    folder: Path,
-) -> list[tuple[Path, bytes]]:
+) -> dict[str, bytes]:
     from accelbench.commands.combine.page import render_combined  # matplotlib takes its second
 
-    pages = render_combined(made, judged, run, chambers, result)
-    return [(folder / name, content) for name, content in pages.items()]
+    return render_combined(made, judged, run, chambers, result)
 
 
 def _chambers(model: ModelFile, asked: str | None) -> list[ChamberModel]:

@@ -5,7 +5,6 @@ from pathlib import Path
 import click
 
 RUNS = click.argument("files", nargs=-1, required=True, metavar="RUN.csv…", type=Path)
-REPORT = click.option("--report", type=Path, help="Folder for the report and its figures.")
 SEED = click.option("--seed", type=int, default=1, help="Random seed of the simulated nulls.")
 
 

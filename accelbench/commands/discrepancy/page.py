@@ -11,6 +11,7 @@ from accelbench.commands.discrepancy.verdict_page import (
 )
 from accelbench.commands.fit.text import value_and_sigma
 from accelbench.shell.console import number
+from accelbench.shell.page import measured_on
 from thermo.discrepancy.find import Discrepancy
 from thermo.discrepancy.smallest import smallest_nameable
 from thermo.library.effects import ThermalEffect
@@ -37,7 +38,9 @@ def render_discrepancy(found: Sequence[Discrepancy], runs: RecordedRuns) -> dict
     dict of str to bytes
     """
     title = f"What is missing from the model of {', '.join(d.serial for d in found):.80}"
-    return render_verdicts(title, runs.run_ids, [_page(d) for d in found], CONVENTIONS)
+    return render_verdicts(
+        title, runs.run_ids, [_page(d) for d in found], CONVENTIONS, measured_on(runs)
+    )
 
 
 def _page(d: Discrepancy) -> VerdictPage:

@@ -5,10 +5,10 @@ from typing import Any
 
 import click
 
-from accelbench.commands.discrepancy.options import REPORT, RUNS, SEED
+from accelbench.commands.discrepancy.options import RUNS, SEED
 from accelbench.shell.inputs import trust_option
 from accelbench.shell.library import library_option
-from accelbench.shell.outputs import force_option, json_option
+from accelbench.shell.outputs import force_option, json_option, report_options
 
 
 @click.command("thermal")
@@ -21,7 +21,7 @@ from accelbench.shell.outputs import force_option, json_option
     type=Path,
     help="MODEL.toml, the larger model; MODEL.json beside it, MODEL.py of what has no name.",
 )
-@REPORT
+@report_options
 @click.option("--experiment-out", type=Path, help="SEQUENCE.toml of the proposed experiment.")
 @click.option("--max-hours", type=float, help="Longest experiment to propose, h.")
 @click.option(

@@ -10,6 +10,9 @@ from accelbench.shell.page import Banner, BannerState, Page, ReportTable, Sectio
 from accelbench.shell.plotting import Picture
 from errormodel.discrepancy.investigation import Conclusion
 
+KEEP = "Keep the present model."
+ENLARGE = "Fit again with the effect in the model; the sizes are below."
+RECORD = "Keep the present model for now; the finding below says what run would decide."
 CONVENTIONS = (
     "Strength is the whitened size of an effect beside everything else in the model, in units of "
     "its own sigma. An effect of strength seven or more can be named.",
@@ -94,7 +97,11 @@ def rival_rows(
 
 
 def render_verdicts(
-    title: str, runs: Sequence[str], pages: Sequence[VerdictPage], conventions: Sequence[str]
+    title: str,
+    runs: Sequence[str],
+    pages: Sequence[VerdictPage],
+    conventions: Sequence[str],
+    measured: str = "",
 ) -> dict[str, bytes]:
     """Return a report's files by name, without writing any.
 
@@ -106,11 +113,14 @@ def render_verdicts(
     pages : sequence of VerdictPage
     conventions : sequence of str
         Notes on reading it, beside those common to all.
+    measured : str
+        When; empty if that is not recorded.
     """
     page = Page(
         title=title,
         about=f"runs {', '.join(runs)}",
-        verdicts=tuple(Banner(text=f"{p.name}: {p.verdict}", state=_state(p)) for p in pages),
+        measured=measured,
+        verdicts=tuple(_banner(p) for p in pages),
         sections=(
             *(section for one in pages for section in _sections(one)),
             Section(title="How to read it", points=(*CONVENTIONS, *conventions)),
@@ -119,8 +129,12 @@ def render_verdicts(
     return render_page(page, REPORT_NAME)
 
 
-def _state(one: VerdictPage) -> BannerState:
-    return "good" if one.verdict == "nothing is missing" else "open"
+def _banner(one: VerdictPage) -> Banner:
+    state: BannerState = "good" if one.verdict == "nothing is missing" else "open"
+    named = ", ".join(dict.fromkeys(name for name, *_ in one.effects))
+    text = f"{one.name}: {one.verdict}" + (f": {named}" if named else "")
+    todo = KEEP if state == "good" else ENLARGE if named else RECORD
+    return Banner(text=text, state=state, todo=todo)
 
 
 def _sections(one: VerdictPage) -> Iterator[Section]:

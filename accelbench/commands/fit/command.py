@@ -10,6 +10,7 @@ from accelbench.shell.library import library_option
 from accelbench.shell.outputs import (
     force_option,
     json_option,
+    report_options,
 )
 
 RUNS = click.argument("files", nargs=-1, required=True, metavar="RUN.csv…")
@@ -46,7 +47,7 @@ def import_(**given: Any) -> None:
     "--holdout", multiple=True, metavar="RUN_ID…", help="Runs to predict instead of fitting."
 )
 @click.option("--out", type=Path, help="MODEL.json to write.")
-@click.option("--report", type=Path, help="Folder for the report and its figures.")
+@report_options
 @trust_option
 @force_option
 @library_option()

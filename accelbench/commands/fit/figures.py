@@ -32,6 +32,8 @@ from thermo.selection.residuals import CELL_C
 MAX_RUNS, MAX_LINES = 8, 6  # shown in the picture of the runs
 MAX_BRANCHES = 12  # named by their angles
 MAX_ACCELEROMETERS = 12  # with pictures of their own
+# coefficients that the positions of the head determine at one temperature
+AT_POSITIONS = ("k0", "k1", "k2", "k3", "delta_o", "delta_p", "k_ip", "k_io")
 
 
 def pictures(fits: Sequence[AccelerometerFit], runs: RecordedRuns) -> Iterator[Picture]:
@@ -196,7 +198,8 @@ def _draw_by_direction(
 
 def draw_residuals(one: AccelerometerFit, name: str) -> Picture:
     """Draw what the model leaves: over temperature, over time, by position, and as a loop."""
-    positioned = bool(one.summary.by_position)
+    # means over so few positions are zero in any fit with these coefficients: they show nothing
+    positioned = len(one.summary.by_position) > sum(n in AT_POSITIONS for n in one.fit.names)
     figure = new_figure(10.0, 7.2)
     panels = figure.subplots(2, 2).ravel()
     handles: dict[str, Any] = {}
@@ -272,19 +275,21 @@ def _draw_loop(axes: Any, one: AccelerometerFit) -> None:
 
 
 def _draw_by_position(axes: Any, one: AccelerometerFit) -> None:
+    """Draw means with the sigma of a mean of independent readings: a rms would hide them."""
     groups = one.summary.by_position
     angle = np.array([float(g.name.rstrip("°")) for g in groups])
     mean, rms = (np.array([getattr(g, n) for g in groups]) for n in ("mean_ug", "rms_ug"))
-    unit, divisor = panel_unit(mean, rms)
+    sigma = rms / np.sqrt(np.array([g.n for g in groups]))
+    unit, divisor = panel_unit(mean, sigma)
     axes.errorbar(
-        angle, mean / divisor, yerr=rms / divisor, fmt="o", color=COLOURS[0], ecolor="#999999",
+        angle, mean / divisor, yerr=sigma / divisor, fmt="o", color=COLOURS[0], ecolor="#999999",
         elinewidth=2.0, markersize=4.0,
     )  # fmt: skip
     axes.axhline(0.0, color=COLOURS[0], linewidth=0.8)
-    dress(axes, title="by position: mean, bars ± rms", x="position, °", y=f"residual, {unit}")
+    dress(axes, title="by position: mean ± rms/√n", x="position, °", y=f"residual, {unit}")
 
 
 def _draw_distribution(axes: Any, one: AccelerometerFit) -> None:
     unit, divisor = panel_unit(one.residual_ug)
     axes.hist(one.residual_ug / divisor, bins=60, color="#999999")
-    dress(axes, title="distribution (no positions recorded)", x=f"residual, {unit}", y="readings")
+    dress(axes, title="distribution", x=f"residual, {unit}", y="readings")

@@ -15,6 +15,7 @@ from accelbench.shell.page import (
     Page,
     ReportTable,
     Section,
+    measured_on,
     render_page,
     source_rows,
 )
@@ -26,6 +27,19 @@ from thermo.recording.files import RecordedRuns
 from thermo.uncertainty.by_position import by_position_sentence
 from thermo.uncertainty.left_out import left_out_sentence
 
+USE = "Use the model within the temperatures and rates it is valid for."
+SEARCH = "Use the model with care; `accelbench discrepancy thermal` names what is missing from it."
+REPLACE = "Do not use the model; check the recording's positions, unit and scale, and fit again."
+MEANINGS = {
+    "k0": "bias",
+    "k1": "scale factor",
+    "k2": "second order",
+    "k3": "third order",
+    "delta_o": "misalignment about OA",
+    "delta_p": "misalignment about PA",
+    "k_ip": "cross-coupling of IA and PA",
+    "k_io": "cross-coupling of IA and OA",
+}
 ABREAST = 3  # accelerometers in one table of coefficients: what a sheet of A4 takes
 SUMMARY_COLUMNS = (
     "serial", "constants only", "with the model", "on runs not fitted", "heating − cooling",
@@ -109,6 +123,7 @@ def render_report(
         verdicts=tuple(verdicts(fits)),
         sections=sections,
         about=f"model {model.model_id}",
+        measured=measured_on(runs),
         made_by=f"Model file format {model.format} {model.format_version}, made by "
         f"{model.software}.",
     )
@@ -122,11 +137,14 @@ def verdicts(fits: Sequence[AccelerometerFit]) -> Iterator[Banner]:
         found = list(findings(one))
         if found:
             state = "bad" if one.worse_than_none else "open"
-            yield Banner(text=f"{one.serial}: {'; '.join(found)}", state=state)
+            todo = REPLACE if one.worse_than_none else SEARCH
+            yield Banner(text=f"{one.serial}: {'; '.join(found)}", state=state, todo=todo)
         else:
             sound.append(one.serial)
     if sound:
-        yield Banner(text=f"{', '.join(sound)}: no structure is seen in the residual", state="good")
+        yield Banner(
+            text=f"{', '.join(sound)}: no structure is seen in the residual", state="good", todo=USE
+        )
 
 
 def findings(one: AccelerometerFit) -> Iterator[str]:
@@ -173,7 +191,7 @@ def _results(fits: Sequence[AccelerometerFit], extras: ReportExtras) -> Iterator
 def _coefficient_sections(fits: Sequence[AccelerometerFit], model: ModelFile) -> Iterator[Section]:
     tables = tuple(
         ReportTable(
-            columns=("coefficient", "unit", *(f.serial for f in some)),
+            columns=("coefficient", "of", "unit", *(f.serial for f in some)),
             rows=tuple(_coefficients(some)),
         )
         for some in (fits[k : k + ABREAST] for k in range(0, len(fits), ABREAST))
@@ -181,7 +199,7 @@ def _coefficient_sections(fits: Sequence[AccelerometerFit], model: ModelFile) ->
     yield Section(
         title="Coefficients",
         tables=tables,
-        words=(0, 1),
+        words=(0, 1, 2),
         after=(model.equation, f"{CLIP_RULE[0].upper()}{CLIP_RULE[1:]}."),
     )
 
@@ -221,6 +239,15 @@ def _factor(one: AccelerometerFit) -> str:
     return f"{one.raw.rms_ug / one.summary.rms_ug:.3g} ×" if one.summary.rms_ug else "–"
 
 
+def meaning(name: str) -> str:
+    """Return what a coefficient of the model is of, in words; empty if its name is not known."""
+    stem, _, order = name.partition("_t")
+    words = MEANINGS.get(stem, "")
+    if not (words and order):
+        return words
+    return f"{words}, by temperature" + (f" to the power {order}" if order != "1" else "")
+
+
 def _coefficients(fits: Sequence[AccelerometerFit]) -> list[tuple[str, ...]]:
     of_each = [reported(f.fit, f.channel.nominal_scale, f.channel.output_unit) for f in fits]
     rows: list[tuple[str, ...]] = []
@@ -230,16 +257,16 @@ def _coefficients(fits: Sequence[AccelerometerFit]) -> list[tuple[str, ...]]:
             value_and_sigma(float(v[name]["value"]), float(v[name]["sigma"])) if name in v else "–"
             for v in of_each
         ]
-        rows.append((name, unit, *cells))
+        rows.append((name, meaning(name), unit, *cells))
     noises = [f.noise for f in fits]
-    rows.append(("white noise", "µg", *(number(1e6 * n.white, 3) for n in noises)))
-    rows.append(("drift", "µg", *(number(1e6 * n.drift, 3) for n in noises)))
+    rows.append(("white noise", "", "µg", *(number(1e6 * n.white, 3) for n in noises)))
+    rows.append(("drift", "", "µg", *(number(1e6 * n.drift, 3) for n in noises)))
     hours = (number(n.drift_tau_s / 3600, 2) if n.drift else "–" for n in noises)
-    rows.append(("drift correlated over", "h", *hours))
-    rows.append(("T_ref", "°C", *(number(f.t_ref_c) for f in fits)))
-    rows.append(("valid for temperatures", "°C", *(_range(f.valid_c) for f in fits)))
+    rows.append(("drift correlated over", "", "h", *hours))
+    rows.append(("T_ref", "", "°C", *(number(f.t_ref_c) for f in fits)))
+    rows.append(("valid for temperatures", "", "°C", *(_range(f.valid_c) for f in fits)))
     rates = (_range(f.valid_rate_c_per_min) for f in fits)
-    rows.append(("valid for rates", "°C/min", *rates))
+    rows.append(("valid for rates", "", "°C/min", *rates))
     return rows
 
 

@@ -9,6 +9,7 @@ from accelbench.shell.library import library_option
 from accelbench.shell.outputs import (
     force_option,
     json_option,
+    report_options,
 )
 
 NAVIGATION = "navigation"
@@ -59,7 +60,7 @@ def _held(ctx: click.Context, param: click.Parameter, value: str) -> str | int:
               "gyro_bias=0.05, in the reported unit of the group; the protection level is the "
               "largest error that an undetected missing effect can cause; repeatable.")  # fmt: skip
 @click.option("--out", type=Path, help="RESULT.json to write.")
-@click.option("--report", type=Path, help="Folder for the report and its figures.")
+@report_options
 @force_option
 @library_option()
 @json_option

@@ -1,16 +1,16 @@
-"""Pictures of a rig calibration: estimates, innovations, sigmas over time, correlations, motion."""
+"""Pictures of a rig calibration: estimates, innovations, sigmas over time, motion."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
 
+from accelbench.shell.console import in_words
 from accelbench.shell.plotting import (
     COLOURS,
-    MARKERS,
-    STYLES,
+    FEW_LINES,
     Picture,
-    draw_correlation_matrix,
+    draw_largest,
     dress,
     legend_below,
     new_figure,
@@ -47,7 +47,6 @@ def calibration_pictures(
         draw_estimates(result),
         draw_innovations(judged),
         draw_sigmas(judged),
-        draw_correlations(judged),
         draw_motion(judged, run),
     ]
 
@@ -90,7 +89,7 @@ def _draw_group(axes: Any, group: str, names: list[str], result: ResultContent) 
     axes.set_xlim(-0.6, len(names) - 0.4)
     axes.axhline(0.0, color="#BBBBBB", linewidth=0.8, zorder=0)
     axes.margins(y=0.1)
-    dress(axes, title=f"{group}, {unit}")
+    dress(axes, title=f"{in_words(group)}, {unit}")
 
 
 def _clock(judged: Judged) -> tuple[FloatArray, FloatArray]:
@@ -167,40 +166,37 @@ def draw_sigmas(judged: Judged) -> Picture:
         groups.setdefault(found.described(name).group, []).append(states.index(name))
     figure = new_figure(11.0, 4.6)
     axes = figure.subplots()
-    handles: list[Any] = []
-    labels: list[str] = []
-    for k, (group, places) in enumerate(groups.items()):
+    times: dict[str, FloatArray] = {}
+    shares: dict[str, FloatArray] = {}
+    for group, places in groups.items():
         prior = found.start.sigmas[places]
         kept = prior > 0
         if not kept.any():
             continue
         ratio = found.filtered.sigmas[:, np.array(places)[kept]] / prior[kept]
         mean = np.exp(np.mean(np.log(np.maximum(ratio, 1e-12)), axis=1))
-        (line,) = axes.plot(
-            np.append(0.0, clock[steps]), np.append(1.0, mean),
-            color=COLOURS[k % len(COLOURS)], linestyle=STYLES[(k // len(COLOURS)) % len(STYLES)],
-            marker=MARKERS[k % len(MARKERS)], markersize=4.0,
-            markevery=(k, max(1, steps.size // 12)),
-        )  # fmt: skip
-        handles.append(line)
-        labels.append(group)
+        times[in_words(group)] = np.append(0.0, clock[steps])
+        shares[in_words(group)] = np.append(1.0, mean)
+    lines = draw_largest(axes, times, shares)
     axes.set_yscale("log")
     for start in starts[1:]:
         axes.axvline(start - 0.5 * GAP_S, color="#999999", linewidth=0.8, linestyle=":")
     dress(axes, x=CLOCK, y="sigma over that of the prior")
-    legend_below(figure, handles, labels)
-    caption = "Sigmas over time by group: the geometric mean of sigma over prior sigma."
+    legend_below(figure, list(lines.values()), list(lines))
+    caption = (
+        "Sigmas over time by group: the geometric mean of sigma over prior sigma; named are the "
+        f"{FEW_LINES} largest at the end."
+    )
     return picture(figure, "sigmas.png", caption)
 
 
-def draw_correlations(judged: Judged) -> Picture:
-    """Draw the map of correlations."""
+def correlations_of(judged: Judged) -> tuple[list[str], FloatArray]:
+    """Return the names of what was estimated, p of them, and their correlations, (p, p)."""
     found = judged.found
     sigma = found.sigmas
     free = np.flatnonzero(sigma > 0)
     names = [found.names[int(i)] for i in free]
-    matrix = found.cov[np.ix_(free, free)] / np.outer(sigma[free], sigma[free])
-    return draw_correlation_matrix(names, matrix, "correlations.png", "")
+    return names, found.cov[np.ix_(free, free)] / np.outer(sigma[free], sigma[free])
 
 
 def draw_motion(judged: Judged, run: RigRun | NavRun) -> Picture:

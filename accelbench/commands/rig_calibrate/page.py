@@ -1,6 +1,8 @@
 """The report of a rig calibration: one HTML file and its pictures."""
 
-from accelbench.commands.rig_calibrate.figures import calibration_pictures
+from collections.abc import Iterable
+
+from accelbench.commands.rig_calibrate.figures import calibration_pictures, correlations_of
 from accelbench.commands.rig_calibrate.text import (
     COLUMNS,
     PASSED,
@@ -11,14 +13,28 @@ from accelbench.commands.rig_calibrate.text import (
     protection_lines,
     verdict,
 )
-from accelbench.shell.console import number
+from accelbench.shell.console import in_words, number
 from accelbench.shell.outputs import REPORT_NAME
-from accelbench.shell.page import Banner, Page, ReportTable, Section, render_page
+from accelbench.shell.page import (
+    Banner,
+    Page,
+    ReportTable,
+    Section,
+    correlation_tables,
+    render_page,
+)
 from sinscal.judgement.judge import Judged
 from sinscal.judgement.result_file import ResultContent
 from sinscal.recording.run import NavRun, RigRun
 
 LISTED = 30  # refused measurements
+USE = "Use the estimates with their sigmas; the section Application says how."
+MEND = "Do not use the estimates; remove the cause and calibrate again."
+REST = "Nothing, if the other tests are enough; else record what these need."
+NAMES = (
+    "In the result file and in options the words are joined by underscores, and accelerometer is "
+    "accel."
+)
 TERMS = (
     "An innovation is the difference between a measurement and its prediction by the filter. NIS "
     "is its square divided by its variance, 1 on average if the sigmas are right. White: "
@@ -41,7 +57,7 @@ def render_calibration(
     result : ResultContent
         Made of both.
     """
-    estimates = ReportTable(title="", columns=COLUMNS, rows=tuple(parameter_rows(result)))
+    estimates = ReportTable(title="", columns=COLUMNS, rows=in_words_first(parameter_rows(result))
     page = Page(
         title=f"Rig calibration, {result.mode}, of {result.run.source}",
         verdicts=verdict_boxes(result),
@@ -50,13 +66,18 @@ def render_calibration(
     return render_page(page, REPORT_NAME)
 
 
+def in_words_first(rows: Iterable[tuple[str, ...]]) -> tuple[tuple[str, ...], ...]:
+    """Return rows whose first cell, a parameter's name, is in words."""
+    return tuple((in_words(name), *rest) for name, *rest in rows)
+
+
 def verdict_boxes(result: ResultContent) -> tuple[Banner, ...]:
     """Return whether the calibration can be trusted, and what was not tested."""
     text, left = verdict(result), not_made(result)
     if not text.startswith(PASSED):
-        return (Banner(text=text, state="bad"),)
-    passed = Banner(text=PASSED, state="good")
-    return (passed, Banner(text=left, state="open")) if left else (passed,)
+        return (Banner(text=text, state="bad", todo=MEND),)
+    passed = Banner(text=PASSED, state="good", todo=USE)
+    return (passed, Banner(text=left, state="open", todo=REST)) if left else (passed,)
 
 
 def calibration_sections(
@@ -70,13 +91,18 @@ def calibration_sections(
         _warnings(result),
         Section(
             title="Estimates",
-            lines=("Measured = true + error; all parameters are errors of the sensors.",),
+            lines=("Measured = true + error; all parameters are errors of the sensors.", NAMES),
             table=estimates,
             words=(0, 1),
             pictures=(drawn,),
         ),
         *_protection(result),
-        Section(title="Separability of the parameters", points=tuple(observability_lines(result))),
+        Section(
+            title="Separability of the parameters",
+            points=tuple(observability_lines(result)),
+            tables=correlation_tables(*correlations_of(judged)),
+            words=(0, 1),
+        ),
         Section(title="Pictures", pictures=tuple(others)),
         _refused(result),
         _source(result),

@@ -6,7 +6,7 @@ from typing import Any
 import click
 
 from accelbench.shell.library import library_option
-from accelbench.shell.outputs import force_option, json_option
+from accelbench.shell.outputs import force_option, json_option, report_options
 
 POSITIVE = click.FloatRange(min=0.0, min_open=True)
 
@@ -66,7 +66,7 @@ NOT_NEGATIVE = click.FloatRange(min=0.0)
 @click.option(
     "--seed", type=click.IntRange(min=0), default=0, help="Random seed of the Monte Carlo."
 )
-@click.option("--report", type=Path, help="Folder for the report and its figures.")
+@report_options
 @force_option
 @library_option()
 @json_option

@@ -9,6 +9,7 @@ from accelbench.shell.library import library_option
 from accelbench.shell.outputs import (
     force_option,
     json_option,
+    report_options,
 )
 
 priors_option = click.option("--priors", type=Path, help="PRIORS.toml: prior sigmas and means.")
@@ -66,7 +67,7 @@ def simulate(**given: Any) -> None:
 )
 @groups_option
 @priors_option
-@click.option("--report", type=Path, help="Folder for the report and its figures.")
+@report_options
 @force_option
 @library_option()
 @json_option

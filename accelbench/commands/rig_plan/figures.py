@@ -4,12 +4,14 @@ from typing import Any
 
 import numpy as np
 
-from accelbench.commands.rig_plan.text import correlations, groups_in, main_sources
+from accelbench.commands.rig_plan.text import groups_in, main_sources
+from accelbench.shell.console import in_words
 from accelbench.shell.plotting import (
     COLOURS,
-    MARKERS,
+    FEW_LINES,
+    STYLES,
     Picture,
-    draw_correlation_matrix,
+    draw_largest,
     dress,
     legend_below,
     new_figure,
@@ -44,7 +46,11 @@ def draw_programme(programme: Programme) -> Picture:
         minutes = (start_s + cycle.motion.time_s[rows]) / 60.0
         for j, axis in enumerate(AXES):
             (line,) = rates.plot(
-                minutes, np.rad2deg(cycle.motion.w[rows, j]), color=AXIS_COLOURS[j], linewidth=1.3
+                minutes,
+                np.rad2deg(cycle.motion.w[rows, j]),
+                STYLES[j],
+                color=AXIS_COLOURS[j],
+                linewidth=1.3,
             )
             lines.setdefault(axis, line)
         turns.plot(minutes, cycle.angle[rows] / (2.0 * np.pi), color=COLOURS[0], linewidth=1.3)
@@ -68,6 +74,7 @@ def _draw_vertical(axes: Any, true: RigMotion, cycle: CycleMotion, k: int) -> No
         axes.plot(
             cycle.motion.time_s[early],
             cycle.motion.f[early, j] / true.site.gravity_m_s2,
+            STYLES[j],
             color=AXIS_COLOURS[j],
             linewidth=1.1,
         )
@@ -79,27 +86,20 @@ def draw_planned_sigmas(one: RigCovariance, mode: str) -> Picture:
     """Draw how much of each group's prior sigma is left over time."""
     figure = new_figure(10.0, 4.6)
     axes = figure.subplots()
-    lines: dict[str, Any] = {}
     minutes = one.time_s / 60.0
-    for k, (group, places) in enumerate(groups_in(one).items()):
-        left = np.median(one.history[:, places] / one.prior_sigmas[places], axis=1)
-        (line,) = axes.plot(
-            minutes,
-            left,
-            color=(*COLOURS, *AXIS_COLOURS)[k % 10],
-            marker=MARKERS[k % len(MARKERS)],
-            markevery=(k, max(1, minutes.size // 12)),
-            markersize=4.0,
-            linewidth=1.3,
-        )
-        lines[group] = line
+    left = {
+        in_words(group): np.median(one.history[:, places] / one.prior_sigmas[places], axis=1)
+        for group, places in groups_in(one).items()
+    }
+    lines = draw_largest(axes, dict.fromkeys(left, minutes), left)
     axes.set_yscale("log")
     for end in _cycle_ends(one)[:-1]:
         axes.axvline(end / 60.0, color="#999999", linestyle="--", linewidth=0.9)
     dress(axes, title=f"{mode}", x="time on the rig, min", y="sigma over its prior")
     legend_below(figure, list(lines.values()), list(lines), enlarge=1.3)
     caption = (
-        f"{mode.capitalize()}: sigmas over time, the median of each group over its prior sigma. "
+        f"{mode.capitalize()}: sigmas over time, the median of each group over its prior sigma; "
+        f"named are the {FEW_LINES} largest at the end. "
         "Dashed: a cycle ends; the time between cycles is left out."
     )
     return picture(figure, f"sigmas_{mode}.png", caption)
@@ -108,11 +108,6 @@ def draw_planned_sigmas(one: RigCovariance, mode: str) -> Picture:
 def _cycle_ends(one: RigCovariance) -> FloatArray:
     """Return when each cycle ends on the time axis of the history, s."""
     return np.cumsum(one.cycle_s)
-
-
-def draw_planned_correlations(one: RigCovariance, mode: str) -> Picture:
-    """Draw the correlations of the final covariance."""
-    return draw_correlation_matrix(one.names, correlations(one), f"correlations_{mode}.png", mode)
 
 
 def draw_budget(one: RigCovariance, mode: str) -> Picture:
@@ -127,7 +122,15 @@ def draw_budget(one: RigCovariance, mode: str) -> Picture:
     left, bars = np.zeros(len(groups)), list[Any]()
     for k, part in enumerate(shares.values()):
         colour = SOURCE_COLOURS[k % len(SOURCE_COLOURS)]
-        bars.append(axes.barh(groups, 100.0 * part, left=100.0 * left, color=colour, height=0.7))
+        bars.append(
+            axes.barh(
+                [in_words(g) for g in groups],
+                100.0 * part,
+                left=100.0 * left,
+                color=colour,
+                height=0.7,
+            )
+        )
         left = left + part
     axes.invert_yaxis()
     axes.set_xlim(0.0, 100.0)

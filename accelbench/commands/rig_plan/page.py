@@ -2,10 +2,10 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 
+from accelbench.commands.rig_calibrate.page import NAMES, in_words_first
 from accelbench.commands.rig_calibrate.text import names_by_axis
 from accelbench.commands.rig_plan.figures import (
     draw_budget,
-    draw_planned_correlations,
     draw_planned_sigmas,
     draw_programme,
 )
@@ -14,20 +14,31 @@ from accelbench.commands.rig_plan.text import (
     SIGMA_COLUMNS,
     article_rows,
     assumed,
+    correlations,
     not_seen,
     remarks,
     sigma_rows,
 )
 from accelbench.shell.outputs import REPORT_NAME
-from accelbench.shell.page import Banner, Page, ReportTable, Section, render_page
+from accelbench.shell.page import (
+    Banner,
+    Page,
+    ReportTable,
+    Section,
+    correlation_tables,
+    render_page,
+)
 from sinscal.article.tables import ArticleTables
 from sinscal.planning.advice import Advice
 from sinscal.planning.covariance import RigCovariance
 from sinscal.twin.rig_file import RigFile
 
+USABLE = "The programme can be carried out; the sigmas to expect are below."
+CHANGE = "Change the programme as advised below, or do without these parameters."
 CONVENTIONS = (
     "Measured = true + error: ω′ = (I + Θ)ω + ν⁰ + …, f′ = (I + Γ)f + Δf⁰ + …; Γ lower triangular "
     "fixes the body's axes, Θ is full.",
+    NAMES,
     "Sigmas are standard deviations (1 σ); a density of noise is the sigma of a mean over "
     "one second.",
     "The covariance is that of the calibration filter on the exact motion of the programme; it "
@@ -75,8 +86,12 @@ def _seen(mode: str, one: RigCovariance) -> Banner:
     """Say whether the programme shows every parameter."""
     hidden = list(not_seen(one))
     if not hidden:
-        return Banner(text=f"{mode}: the programme shows every parameter", state="good")
-    return Banner(text=f"{mode}: hardly seen are {names_by_axis(hidden)}", state="open")
+        return Banner(
+            text=f"{mode}: the programme shows every parameter", state="good", todo=USABLE
+        )
+    return Banner(
+        text=f"{mode}: hardly seen are {names_by_axis(hidden)}", state="open", todo=CHANGE
+    )
 
 
 def _article(best: ArticleTables, literal: ArticleTables) -> Iterator[Section]:
@@ -101,11 +116,12 @@ def _mode(mode: str, one: RigCovariance, advice: Sequence[Advice]) -> Iterator[S
     yield Section(
         title=HEADINGS[mode],
         points=tuple(remarks(one, advice)),
-        table=ReportTable(title="", columns=SIGMA_COLUMNS, rows=tuple(sigma_rows(one))),
+        table=ReportTable(title="", columns=SIGMA_COLUMNS, rows=in_words_first(sigma_rows(one))),
         words=(0, 1, 4),
         pictures=(
             draw_planned_sigmas(one, mode),
             draw_budget(one, mode),
-            draw_planned_correlations(one, mode),
         ),
     )
+    if tables := correlation_tables(one.names, correlations(one)):
+        yield Section(title=f"Largest correlations, {mode}", level=3, tables=tables, words=(0, 1))

@@ -214,7 +214,7 @@ def sigma_rows(one: RigCovariance) -> Iterator[tuple[str, ...]]:
         told = ", ".join(f"{s} {100 * shares[s]:.0f} %" for s in main if shares[s] > MIN_SHARE)
         unit, size = told_in(name)
         sigma, prior = float(one.sigmas[k]) / size, float(one.prior_sigmas[k]) / size
-        yield name, unit, number(sigma, 3), number(prior, 3), told
+        yield name, unit, number(sigma, 2), number(prior, 2), told
 
 
 def told_in(name: str) -> tuple[str, float]:

@@ -19,7 +19,7 @@ from accelbench.joint.chambers import emulated_chamber, three_serials
 from accelbench.joint.result_file import told_truth
 from accelbench.shell.console import emit
 from accelbench.shell.outputs import (
-    REPORT_NAME,
+    Results,
     check_results,
     checked_output,
     checked_run_output,
@@ -175,26 +175,22 @@ def covariance(
         advice = {m: told for m, (_, told) in analysed.items()}
     document |= analysis_document(found, advice)
     text += analysis_text(found, advice)
-    if report is not None:
-        title = "the article's programme" if programme is None else programme.name
-        _write_report(file, found, advice, title, tables, report)
-        document["report"] = str(report / REPORT_NAME)
-        text.append(f"report: {report / REPORT_NAME}")
-    emit(document, text, as_json=as_json)
+    title = "the article's programme" if programme is None else programme.name
+    results = Results(document, text)
+    results.add_report(report, lambda: _pages(file, found, advice, title, tables))
+    results.write(as_json=as_json)
 
 
-def _write_report(
+def _pages(
     file: RigFile,
     found: Mapping[str, RigCovariance],
     advice: Mapping[str, tuple[Advice, ...]],
     title: str,
     tables: tuple[ArticleTables, ArticleTables] | None,
-    folder: Path,
-) -> None:
+) -> dict[str, bytes]:
     from accelbench.commands.rig_plan.page import render_covariance  # matplotlib takes its second
 
-    pages = render_covariance(file, found, title=title, tables=tables, advice=advice)
-    write_files([(folder / name, content) for name, content in pages.items()])
+    return render_covariance(file, found, title=title, tables=tables, advice=advice)
 
 
 def _analysed(

@@ -6,7 +6,7 @@ from typing import Any
 import click
 
 from accelbench.shell.inputs import trust_option
-from accelbench.shell.outputs import force_option, json_option
+from accelbench.shell.outputs import force_option, json_option, report_options
 
 UNITS = ("count", "m/s2", "g", "V", "mA")  # as sinscal.triad.rests has them
 
@@ -40,7 +40,7 @@ UNITS = ("count", "m/s2", "g", "V", "mA")  # as sinscal.triad.rests has them
 )
 @click.option("--temperature", is_flag=True, help="Fit slopes over the temperature of a rig run.")
 @click.option("--out", type=Path, help="JSON file to write.")
-@click.option("--report", type=Path, help="Folder for the report and its figure.")
+@report_options
 @trust_option
 @force_option
 @json_option

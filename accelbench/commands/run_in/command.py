@@ -8,7 +8,7 @@ import click
 from accelbench.commands.fit.command import RUNS
 from accelbench.shell.inputs import trust_option
 from accelbench.shell.library import library_option
-from accelbench.shell.outputs import force_option, json_option
+from accelbench.shell.outputs import force_option, json_option, report_options
 
 WINDOW = 4  # as thermo.run_in.judge has it, which takes its second to import
 
@@ -36,7 +36,7 @@ WINDOW = 4  # as thermo.run_in.judge has it, which takes its second to import
     default=WINDOW,
     help=f"Cycles at either end for the instability before and after; {WINDOW} by default.",
 )
-@click.option("--report", type=Path, help="Folder for the report and its figures.")
+@report_options
 @trust_option
 @force_option
 @library_option()

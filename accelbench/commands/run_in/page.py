@@ -5,11 +5,13 @@ from collections.abc import Iterator, Sequence
 from accelbench.commands.run_in.figures import MAX_PICTURES, run_in_pictures
 from accelbench.commands.run_in.text import COLUMNS, DEFINITION, law_sentence, run_in_rows
 from accelbench.shell.outputs import REPORT_NAME
-from accelbench.shell.page import Banner, Page, ReportTable, Section, render_page
+from accelbench.shell.page import Banner, Page, ReportTable, Section, measured_on, render_page
 from thermo.recording.files import RecordedRuns
 from thermo.run_in.cycles import in_order
 from thermo.run_in.verdict import RunInVerdict
 
+SETTLED = "Go on to the calibration."
+ON = "Go on cycling, then judge again."
 TERMS = (
     "κ is the number of cycles in which the change falls to 1/e (exponential) or to half (slow "
     "law).",
@@ -35,8 +37,14 @@ def render_run_in(
     page = Page(
         title=f"Run-in of {', '.join(v.serial for v in verdicts):.80}",
         verdicts=tuple(
-            Banner(text=v.sentence, state="good" if v.settled else "open") for v in verdicts
+            Banner(
+                text=v.sentence,
+                state="good" if v.settled else "open",
+                todo=SETTLED if v.settled else ON,
+            )
+            for v in verdicts
         ),
+        measured=measured_on(runs),
         sections=tuple(_sections(verdicts, runs, rule)),
     )
     return render_page(page, REPORT_NAME)

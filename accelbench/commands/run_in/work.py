@@ -8,12 +8,10 @@ from accelbench.commands.run_in.text import (
     run_in_document,
     run_in_text,
 )
-from accelbench.shell.console import emit
 from accelbench.shell.inputs import add_reading_counts, read_with_doubts
-from accelbench.shell.outputs import REPORT_NAME, check_results
+from accelbench.shell.outputs import Results, check_results
 from accelbench.shell.progress import working
 from errormodel.errors import InputError
-from errormodel.io.atomic import write_files
 from errormodel.io.toml import check
 from thermo.planning.run_in_rule import RunInRule
 from thermo.planning.sequence import load_sequence
@@ -46,14 +44,12 @@ def runin(
         "definition": DEFINITION,
         "rule": _rule_text(rule),
         "runs": list(in_order(runs)),
-        "report": str(report / REPORT_NAME) if report else None,
+        "report": None,
     }
     add_reading_counts(document, runs, doubts)
-    text = [*run_in_text(verdicts), *doubts]
-    if report is not None:
-        write_files(_report_files(verdicts, runs, rule, report))
-        text.append(f"report: {report / REPORT_NAME}")
-    emit(document, text, as_json=as_json)
+    results = Results(document, [*run_in_text(verdicts), *doubts])
+    results.add_report(report, lambda: _pages(verdicts, runs, rule))
+    results.write(as_json=as_json)
     return SETTLED if not doubts and all(v.settled for v in verdicts) else NOT_SETTLED
 
 
@@ -82,10 +78,9 @@ def _rule_text(rule: RunInRule) -> str:
     )
 
 
-def _report_files(
-    verdicts: Sequence[RunInVerdict], runs: RecordedRuns, rule: RunInRule, folder: Path
-) -> list[tuple[Path, bytes]]:
+def _pages(
+    verdicts: Sequence[RunInVerdict], runs: RecordedRuns, rule: RunInRule
+) -> dict[str, bytes]:
     from accelbench.commands.run_in.page import render_run_in  # matplotlib takes its second
 
-    pages = render_run_in(verdicts, runs, _rule_text(rule))
-    return [(folder / name, content) for name, content in pages.items()]
+    return render_run_in(verdicts, runs, _rule_text(rule))

@@ -7,7 +7,7 @@ import click
 
 from accelbench.shell.inputs import trust_option
 from accelbench.shell.library import library_option
-from accelbench.shell.outputs import force_option, json_option
+from accelbench.shell.outputs import force_option, json_option, report_options
 
 
 @click.command()
@@ -24,7 +24,7 @@ from accelbench.shell.outputs import force_option, json_option
 @click.option(
     "--between", type=Path, help="File of the same format with the conditions between the runs."
 )
-@click.option("--report", type=Path, help="Folder for the report and its figures.")
+@report_options
 @trust_option
 @force_option
 @library_option()

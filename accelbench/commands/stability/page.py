@@ -29,6 +29,7 @@ from accelbench.shell.page import (
     Page,
     ReportTable,
     Section,
+    measured_on,
     render_page,
     source_rows,
 )
@@ -72,12 +73,21 @@ def render_stability(result: Stability, runs: RecordedRuns) -> dict[str, bytes]:
     page = Page(
         title=f"Run-to-run stability of {serials:.80}",
         verdicts=tuple(_verdicts(result)),
+        measured=measured_on(runs),
         sections=sections,
     )
     return render_page(page, REPORT_NAME)
 
 
 STATES: Mapping[str, BannerState] = {"pass": "good", "fail": "bad", "undecided": "open"}
+
+TODO: Mapping[str, str] = {
+    "fail": "Reject the accelerometer, or remove the cause and test it again.",
+    "undecided": "Record more runs of it; every run narrows the limits.",
+    "pass": "Nothing; it is confirmed within its limits.",
+}
+MOVED = "Find out what was changed at the station or on the accelerometer then."
+LIMITS = "For a verdict give the limits with --limits LIMITS.toml."
 
 
 def _verdicts(result: Stability) -> Iterator[Banner]:
@@ -88,12 +98,12 @@ def _verdicts(result: Stability) -> Iterator[Banner]:
             why = [f"{a.serial}, {criterion_text(c)}" for a in mine for c in a.criteria
                    if c.verdict == word != "pass"]  # fmt: skip
             told = f"{', '.join(a.serial for a in mine)}: {word}"
-            yield Banner(text="; ".join((told, *why)), state=STATES[word])
+            yield Banner(text="; ".join((told, *why)), state=STATES[word], todo=TODO[word])
     for one in result.accelerometers:
         for line in movements(one):
-            yield Banner(text=f"{one.serial}: {line}", state="open")
+            yield Banner(text=f"{one.serial}: {line}", state="open", todo=MOVED)
     if not any(a.verdict in STATES for a in result.accelerometers):
-        yield Banner(text="no limits were given: no verdict")
+        yield Banner(text="no limits were given: no verdict", todo=LIMITS)
 
 
 def _opening(result: Stability) -> Iterator[Section]:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from accelbench.shell.outputs import check_report_folder, checked_output, prove_writable
+from accelbench.shell.outputs import check_report, checked_output, prove_writable
 from errormodel.errors import InputError
 from tests.accelbench.commands.run.display_process import ENVIRONMENT
 
@@ -95,10 +95,10 @@ def proved(path: Path, how: str) -> str:
 
 
 def test_a_report_goes_into_a_folder_that_is_made_or_into_none(tmp_path):
-    check_report_folder(tmp_path / "a/b", force=False)
+    check_report(tmp_path / "a/b", force=False)
     assert list(tmp_path.iterdir()) == []
     with pytest.raises(InputError, match="cannot be written"):
-        check_report_folder(Path("/proc/report"), force=False)
+        check_report(Path("/proc/report"), force=False)
 
 
 @pytest.mark.parametrize("option", ["--out", "--store"])

@@ -5,16 +5,16 @@ from typing import Any
 
 import click
 
-from accelbench.commands.discrepancy.options import REPORT, RUNS, SEED
+from accelbench.commands.discrepancy.options import RUNS, SEED
 from accelbench.shell.library import library_option
-from accelbench.shell.outputs import force_option, json_option
+from accelbench.shell.outputs import force_option, json_option, report_options
 
 
 @click.command("rig")
 @RUNS
 @click.option("--model", type=Path, help="MODEL.toml: the present model.")
 @click.option("--out", type=Path, help="MODEL.toml to write: the larger model.")
-@REPORT
+@report_options
 @SEED
 @force_option
 @library_option("--effects")

@@ -48,7 +48,7 @@ def test_precise_calibration_is_written_told_and_applied(
     assert "not tested: the recorder" in page
     assert "; ".join(document["not_tested"][1:]) in page
     assert {p.name for p in report.iterdir()} == {
-        "report.html", "estimates.png", "innovations.png", "sigmas.png", "correlations.png",
+        "report.html", "estimates.png", "innovations.png", "sigmas.png",
         "motion.png",
     }  # fmt: skip
     corrected = tmp_path / "corrected.csv"
