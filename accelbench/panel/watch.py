@@ -1,4 +1,4 @@
-"""The one reader of the store for all pages: it looks four times a second, and tells what it saw."""
+"""The one reader of the store for all pages: it looks four times a second and tells what it saw."""
 
 import logging
 import threading
