@@ -95,16 +95,9 @@ def covariance(
     document = analysis_document({mode: found}, {mode: advice})
 
     def pictures() -> "Iterable[Picture]":
-        from accelbench.commands.rig_plan.figures import (
-            draw_budget,
-            draw_planned_correlations,
-            draw_planned_sigmas,
-        )
+        from accelbench.commands.rig_plan.figures import draw_budget, draw_planned_sigmas
 
-        return [
-            draw(found, mode)
-            for draw in (draw_planned_sigmas, draw_planned_correlations, draw_budget)
-        ]
+        return [draw(found, mode) for draw in (draw_planned_sigmas, draw_budget)]
 
     return Result(
         title=f"{mode}: {len(found.names)} parameters",

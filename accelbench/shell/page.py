@@ -210,8 +210,8 @@ def correlation_tables(names: Sequence[str], matrix: FloatArray) -> tuple[Report
     order = [int(k) for k in np.argsort(-size, kind="stable") if size[k] >= LEAST_CORRELATION]
     rows = tuple(
         (
-            in_words(names[one[k]]),
-            in_words(names[other[k]]),
+            in_words(names[int(one[k])]),
+            in_words(names[int(other[k])]),
             f"{matrix[one[k], other[k]]:+.2f}".replace("-", "−"),
         )
         for k in order

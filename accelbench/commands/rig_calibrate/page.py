@@ -57,7 +57,7 @@ def render_calibration(
     result : ResultContent
         Made of both.
     """
-    estimates = ReportTable(title="", columns=COLUMNS, rows=in_words_first(parameter_rows(result))
+    estimates = ReportTable(title="", columns=COLUMNS, rows=in_words_first(parameter_rows(result)))
     page = Page(
         title=f"Rig calibration, {result.mode}, of {result.run.source}",
         verdicts=verdict_boxes(result),
