@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TypeAlias
 
 from accelbench.panel.folders import TomlFolder
+from accelbench.panel.jobs import KINDS, Jobs, results_path
 from accelbench.panel.sessions import Sessions, Visitor
 from accelbench.panel.settings import PanelSettings
 from accelbench.panel.users import Role
@@ -127,6 +128,20 @@ class Actions:
     def stations(self) -> TomlFolder:
         """The folder of station files."""
         return TomlFolder(self.settings.stations)
+
+    @property
+    def jobs(self) -> Jobs:
+        """What was made of stored tests."""
+        return Jobs(results_path(self.settings), self.settings.store)
+
+    def evaluate(self, visitor: Visitor, kind: str, tests: tuple[str, ...]) -> Outcome:
+        """Start a fit, a comparison or a search for missing effects of stored tests."""
+
+        def do() -> str:
+            name = self.jobs.start(kind, tests, self._who(visitor))
+            return f"{KINDS[kind][0]} of {len(tests)} test(s) has begun: {name}"
+
+        return self._carry_out(visitor, "operate", f"evaluate: {kind}", do, tests=" ".join(tests))
 
     # ---- planning
 

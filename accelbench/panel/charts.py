@@ -1,7 +1,7 @@
 """The pictures of a test, as options of ECharts: lines told apart by dash and marker, too."""
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, cast
 
 from accelbench.panel.followed import FollowedTest
 
@@ -140,6 +140,32 @@ def plan_chart(hours: list[float], temps_c: list[float], angles: list[list[float
     options["yAxis"] = [y | {"gridIndex": 0}, y | {"gridIndex": 1, "name": "head, °"}]
     options["dataZoom"] = [{"type": "inside", "xAxisIndex": [0, 1], "filterMode": "none"}]
     options["series"] = [_line("temperature", programme, 0, lineStyle={"width": 2.0}), positions]
+    return options
+
+
+def life_chart(title: str, unit: str, points: list[tuple[str, float, float]]) -> Options:
+    """Return a coefficient from test to test with its sigmas; a point is name, value, sigma."""
+    bars: list[list[float | None]] = []
+    for k, (_, value, sigma) in enumerate(points):
+        low, high, gap = [k, value - sigma], [k, value + sigma], [None, None]
+        bars.extend(cast(list[list[float | None]], [low, high, gap]))
+    series = [
+        _line("± 1 sigma", bars, 0, lineStyle={"width": 2.0}),
+        _line(
+            "value",
+            [[k, value] for k, (_, value, _) in enumerate(points)],
+            0,
+            showSymbol=True,
+            symbolSize=8,
+            lineStyle={"width": 0.5, "type": "dotted"},
+        ),
+    ]
+    options = _chart(title, unit, series, title)
+    names = [name for name, _, _ in points]
+    options["xAxis"] |= {"type": "category", "data": names, "name": "begin of the test, UTC"}
+    options["xAxis"].pop("min")
+    options["grid"] |= {"left": 92}
+    options["yAxis"] |= {"nameGap": 76}
     return options
 
 

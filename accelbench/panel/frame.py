@@ -21,6 +21,7 @@ PAGES = (
     ("Plan", "/plan"),
     ("Queue", "/queue"),
     ("Alarms", "/alarms"),
+    ("Results", "/results"),
     ("History", "/history"),
 )
 # dark enough for white letters on them (WCAG's 4.5)

@@ -12,9 +12,10 @@ from nicegui import ui
 
 from accelbench.panel.actions import Actions
 from accelbench.panel.context import PanelContext
+from accelbench.panel.downloads import add_downloads
 from accelbench.panel.guard import Guard
 from accelbench.panel.login import add_login
-from accelbench.panel.pages import alarms, history, live, plan, queue, tests
+from accelbench.panel.pages import alarms, history, live, plan, queue, results, tests
 from accelbench.panel.runner_process import RunnerProcess
 from accelbench.panel.sessions import Sessions, Visitor
 from accelbench.panel.settings import LOOPBACK, PanelSettings
@@ -23,7 +24,7 @@ from accelbench.panel.watch import StoreWatch
 from errormodel.errors import InputError
 from thermo.store.store import open_store
 
-PAGES = (tests, live, plan, queue, alarms, history)
+PAGES = (tests, live, plan, queue, alarms, results, history)
 KEEP_S = 2.0  # between two looks at whether somebody works on the queue
 
 
@@ -55,6 +56,7 @@ def serve(settings: PanelSettings, *, ready: Callable[[str], None]) -> None:
     )
     app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
     add_login(app, sessions, users, context.actions.log)
+    add_downloads(app, context.actions.jobs, settings.store)
     for page in PAGES:
         page.register(context)
     ui.run_with(

@@ -3,12 +3,14 @@
 import logging
 import threading
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 from accelbench.panel.followed import FollowedTest
-from errormodel.errors import StoreError, WorkbenchError
+from errormodel.errors import InputError, StoreError, WorkbenchError
 from thermo.launch.dead_controllers import is_gone, settle_dead_controllers
 from thermo.launch.runner import CLAIM
+from thermo.planning.sequence import parse_sequence
 from thermo.store.operation.alarms import Alarm, list_alarms
 from thermo.store.operation.commands import Command, list_commands
 from thermo.store.operation.controllers import ControllerBeat, list_beats
@@ -40,6 +42,8 @@ class Snapshot:
         Every controller's last word, and whether its process is alive.
     alarms, notices : tuple
         Alarms that nobody has acknowledged; notices that have not been sent.
+    serials : mapping of str to str
+        The serial numbers of every test, in one text.
     runner : bool
         True if somebody works on the queue.
     """
@@ -52,6 +56,7 @@ class Snapshot:
     commands: tuple[Command, ...] = ()
     notices: tuple[Notice, ...] = ()
     tests: tuple[TestSummary, ...] = ()
+    serials: Mapping[str, str] = field(default_factory=dict[str, str])
     runner: bool = False
 
     @property
@@ -83,6 +88,7 @@ class StoreWatch:
         default_factory=dict[str, "FollowedTest | str"]
     )
     _tests: tuple[TestSummary, ...] = ()
+    _serials: dict[str, str] = field(default_factory=dict[str, str])
     _tests_s: float = float("-inf")
     _settled_s: float = float("-inf")
     _stop: threading.Event = field(default_factory=threading.Event)
@@ -131,6 +137,8 @@ class StoreWatch:
             self._settled_s = now_s
         if now_s - self._tests_s > TESTS_S:
             self._tests, self._tests_s = store.tests(), now_s
+            new = [t.id for t in self._tests if t.id not in self._serials]
+            self._serials = self._serials | {t: _serials(store, t) for t in new}
         return Snapshot(
             looked_s=now_s,
             problem="",
@@ -140,6 +148,7 @@ class StoreWatch:
             commands=list_commands(store, newest=NEWEST),
             notices=list_notices(store, waiting_only=True),
             tests=self._tests,
+            serials=self._serials,
             runner=store.is_claimed(CLAIM),
         )
 
@@ -164,3 +173,12 @@ class StoreWatch:
             except WorkbenchError as err:
                 self._followed[test_id] = str(err)
         return more
+
+
+def _serials(store: Store, test_id: str) -> str:
+    """Return the serial numbers of a test; nothing where this program cannot read its sequence."""
+    try:
+        sequence = parse_sequence(store.test(test_id).sequence_toml)
+    except InputError:
+        return ""
+    return " ".join(a.serial for a in sequence.accelerometers)

@@ -7,14 +7,14 @@ import signal
 
 import pytest
 
-from tests.accelbench.panel.conftest import Served, until
+from tests.accelbench.panel.conftest import PATIENCE_S, Served, until
 from thermo.store.operation.alarms import list_alarms, raise_alarm
 from thermo.store.operation.commands import list_commands
 from thermo.store.operation.controllers import list_beats, read_beat
 from thermo.store.operation.planned import list_planned
 from thermo.store.store import open_store
 
-PAGES = ("/", "/plan", "/queue", "/alarms", "/history")
+PAGES = ("/", "/plan", "/queue", "/alarms", "/results", "/history")
 
 
 def begin(page, speed: str = "60") -> str:
@@ -181,4 +181,39 @@ def test_axe_finds_nothing_serious_on_any_page(browser, served: Served, dark: bo
         serious = [v for v in found if v["impact"] in ("serious", "critical")]
         told = [(v["id"], [n["html"][:200] for n in v["nodes"][:3]]) for v in serious]
         assert told == [], path
+    one.close()
+
+
+def test_ticked_tests_are_fitted_and_the_report_opens_as_page_and_pdf(browser, served) -> None:
+    one = browser.new_page(base_url=served.url)
+    one.set_default_timeout(1000 * PATIENCE_S)
+    with open_store(served.store) as store:
+        before = {t.id for t in store.tests()}
+    test_id = begin(one, speed="")  # as fast as can be
+    assert test_id not in before
+    one.get_by_text("✔ finished").wait_for()
+    one.goto("/")
+    one.get_by_label("Search serial").fill("QA-001 browser")
+    one.get_by_role("link", name=test_id).first.wait_for()
+    one.get_by_label("Search serial").fill("QA-999")
+    one.get_by_text("no test", exact=True).wait_for()
+    one.get_by_label("Tick tests").click()
+    one.get_by_role("option", name=test_id).click()
+    one.keyboard.press("Escape")
+    one.get_by_role("button", name="Fit", exact=True).click()
+    one.wait_for_url("**/results")
+    one.get_by_text("✔ done").first.wait_for()
+    one.get_by_text("K0 ", exact=False).first.wait_for()
+    link = one.get_by_role("link", name="report.html").first.get_attribute("href")
+    report = one.request.get(link)
+    assert report.ok
+    assert "Temperature model of QA-001" in report.text()
+    printed = one.request.get(link.replace(".html", ".pdf"))
+    assert printed.ok
+    assert printed.body()[:5] == b"%PDF-"
+    table = one.request.get(f"/recorded/{test_id}.csv")
+    assert table.ok
+    assert table.text().startswith("run,serial,time_s")
+    for bad in ("/result/../x/job.json", "/result/x/..%2f..%2fs.sqlite", "/recorded/none.csv"):
+        assert one.request.get(bad).status == 404, bad
     one.close()
