@@ -1,4 +1,4 @@
-"""What a visitor can do: the role is checked, the action is logged, the store is asked.
+"""Actions of a visitor: each checks the role, is logged, and goes through the store.
 
 Every function may wait for a store or a controller, so pages call them in a thread.
 """
@@ -41,7 +41,7 @@ Detail: TypeAlias = str | int | float | bool | None
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """How an action ended: whether it was done, and a sentence."""
+    """End of an action: done or not, and a sentence."""
 
     done: bool
     said: str
@@ -58,7 +58,7 @@ def log_path(settings: PanelSettings) -> Path:
 
 @dataclass(slots=True)
 class ActionLog:
-    """Who did what and when, one JSON object a line, only ever added."""
+    """Log of actions: one JSON object a line with time and person; lines are only added."""
 
     path: Path
     _lock: threading.Lock = field(default_factory=threading.Lock)
@@ -131,7 +131,7 @@ class Actions:
 
     @property
     def jobs(self) -> Jobs:
-        """What was made of stored tests."""
+        """Results made of stored tests."""
         return Jobs(results_path(self.settings), self.settings.store)
 
     def evaluate(self, visitor: Visitor, kind: str, tests: tuple[str, ...]) -> Outcome:

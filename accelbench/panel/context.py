@@ -1,4 +1,4 @@
-"""What every page is given."""
+"""Context given to every page."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""What every request passes before the page sees it: host, origin, log-in, size, headers.
+"""Guard before the page: checks host, origin, log-in and size of every request, sets headers.
 
 - A host name that is not the page's own is refused: a foreign web site could otherwise point a
   name of its own at this machine (DNS rebinding).

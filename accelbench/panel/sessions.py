@@ -1,4 +1,4 @@
-"""Who is logged in: sessions that expire, kept on the server and known by a random token."""
+"""Log-ins: sessions that expire, kept on the server under a random token."""
 
 import secrets
 import time

@@ -30,7 +30,7 @@ NEWEST = 50  # commands shown
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Snapshot:
-    """What the store held at the last look; replaced as a whole.
+    """Content of the store at the last look; replaced as a whole.
 
     Attributes
     ----------

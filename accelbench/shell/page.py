@@ -51,7 +51,7 @@ class ReportTable:
 
     @property
     def is_wide(self) -> bool:
-        """Whether it takes a sheet of paper of its own, laid across."""
+        """Return True if it is printed on a landscape sheet of its own."""
         return len(self.columns) > UPRIGHT_COLUMNS
 
 

@@ -114,7 +114,7 @@ class Stream(io.TextIOBase):
 
     @property
     def encoding(self) -> str:  # type: ignore[override]
-        """As that of the stream it stands for."""
+        """Return the value of the stream that it replaces."""
         return self.channel.encoding
 
     @property

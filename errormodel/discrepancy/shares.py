@@ -1,4 +1,4 @@
-"""What of the excess each name explains, and what is left."""
+"""Shares of the excess that each name explains, and the rest."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

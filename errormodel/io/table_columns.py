@@ -15,7 +15,7 @@ arrow_compute: Any = pyarrow.compute
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TableForm:
-    """Which columns a table may have: of numbers, of texts, and those it must have."""
+    """Columns that a table may have: of numbers, of texts, and those it must have."""
 
     numbers: tuple[str, ...]
     texts: tuple[str, ...] = ()

@@ -9,7 +9,7 @@ XYZ = ("x", "y", "z")
 
 @dataclass(frozen=True, kw_only=True)
 class RigLayout:
-    """Which states there are, and where.
+    """States of the filter and their positions.
 
     Attributes
     ----------

@@ -44,7 +44,7 @@ class NoiseTable(_Table):
 
     @property
     def simulated(self) -> SensorNoise:
-        """As the simulator takes it."""
+        """Return it in the form of the simulator."""
         return SensorNoise(
             gyro=self.gyro_deg_h_rthz * DEG_PER_H,
             accel=self.accel_m_s2_rthz,
@@ -58,7 +58,7 @@ class NoiseTable(_Table):
 
     @property
     def filtered(self) -> RigNoise:
-        """As the filter takes it; quantisation is not white and left out."""
+        """Return it in the form of the filter, without quantisation, which is not white."""
         made, wobble = self.simulated, self.wobble_arcsec_rthz
         return RigNoise(
             gyro=made.gyro,
@@ -138,7 +138,7 @@ class TemperatureTable(_Table):
 
     @property
     def warming(self) -> Warming:
-        """As the simulator takes it."""
+        """Return it in the form of the simulator."""
         return self_heating(self.start_c, self.rise_c, self.tau_s)
 
 

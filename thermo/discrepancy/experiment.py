@@ -144,7 +144,7 @@ def propose_separation(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Outcome:
-    """What an experiment would do: sigma between the effect and each rival, and what it decides.
+    """Value of an experiment: sigma between the effect and each rival, and the pairs it decides.
 
     `decided` is the share of the rivals' posterior weight that it is expected to take away: two
     hypotheses d sigma apart are mistaken for each other with a probability below exp(−d²/8)

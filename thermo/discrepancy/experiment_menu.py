@@ -46,7 +46,7 @@ Segment = Hold | Ramp
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Limits:
-    """What a laboratory can do.
+    """Limits of a laboratory.
 
     Attributes
     ----------

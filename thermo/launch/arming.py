@@ -1,4 +1,4 @@
-"""What is looked at before a test is started: each thing green or red, with what to do about it.
+"""Checks before a test is started: each passed or not, with the remedy.
 
 Nothing is commanded: whatever a driver wanted to write to the chamber is refused.
 """

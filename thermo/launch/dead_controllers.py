@@ -1,4 +1,4 @@
-"""What is done when a controller is gone without a word: told, mended, its guardian's result kept.
+"""Controllers that are gone: an alarm is raised, the test is closed, the guardian's result is kept.
 
 May be called by anybody at any time: what is done already is not done again.
 """

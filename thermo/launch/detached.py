@@ -39,7 +39,7 @@ class Started:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Order:
-    """What a detached controller has to do.
+    """Order to a detached controller.
 
     Attributes
     ----------

@@ -40,7 +40,7 @@ Deliver = Callable[[str, str, str], str]
 
 
 class NotifyConfig(BaseModel):
-    """Who is told: Apprise addresses, and of which kinds of alarm; of all when left out."""
+    """Receivers of notices: Apprise addresses, and the kinds of alarm (all if not given)."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 

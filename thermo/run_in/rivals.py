@@ -96,7 +96,7 @@ class _Rival:
 
     @property
     def kind(self) -> int:
-        """Which kind of slow process it is, as in `Hypotheses`."""
+        """Kind of slow process, as in `Hypotheses`."""
         if self.slow_kappa > 0.0:
             return CREEP if np.isinf(self.slow_kappa) else SECOND
         return WALKS if self.walk > 0.0 else PLAIN

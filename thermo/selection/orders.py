@@ -1,4 +1,4 @@
-"""Which terms a set of runs can carry: what is separable, and what order held-out runs want."""
+"""Terms that a set of runs supports: separable ones, and the orders that predict held-out runs."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -243,7 +243,7 @@ class RunControl:
 
     @property
     def why_paused(self) -> str:
-        """Who asked for the pause, and why; empty when nobody said."""
+        """Person who asked for the pause, and the reason; empty if none was given."""
         return self._why
 
     def check(self) -> None:

@@ -20,7 +20,7 @@ _ROW = tuple(n for n in ReadingRow.__dataclass_fields__ if n != "signals")
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """How far a test has been read.
+    """Place up to which a test has been read.
 
     Attributes
     ----------
@@ -41,7 +41,7 @@ class Place:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Added:
-    """What was added to a test.
+    """Readings and events that were added to a test.
 
     Attributes
     ----------

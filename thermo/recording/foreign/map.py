@@ -169,7 +169,7 @@ class Where(MappingTable):
 
 
 class Runs(MappingTable):
-    """Which run a row belongs to: one id for all, a column, or a new run after each gap in time."""
+    """Run of a row: one id for all, a column, or a new run after each gap in time."""
 
     id: Name | None = None
     column: Column | None = None
@@ -226,7 +226,7 @@ class FlagRule(MappingTable):
 
 
 class RowSelection(MappingTable):
-    """Which rows to take, counted from 1 without header and comments."""
+    """Rows to take, counted from 1 without header and comments."""
 
     first: Annotated[int, Field(ge=1)] = 1
     last: Annotated[int, Field(ge=1)] | None = None

@@ -41,7 +41,7 @@ END_S = 5.0  # for the last word, when the test is over
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Health:
-    """How instruments, guardian and store are, in words; `store` is empty when it answers."""
+    """State of instruments, guardian and store in words; `store` is empty if it answers."""
 
     link: str = ""
     guardian: str = ""

@@ -31,7 +31,7 @@ Alarms = dict[Kind, tuple[str, int]]  # the first text of a kind, and how often
 
 
 class TestNotes:
-    """What a test tells its observers, kept for whoever asks; nobody is ever waited for.
+    """Notes of a test for its observers, kept in memory; the test never waits for a reader.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ class TestNotes:
 
     @property
     def event_count(self) -> int:
-        """How many events there have been."""
+        """Number of events so far."""
         with self._lock:
             return self._event_count
 

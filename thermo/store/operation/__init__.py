@@ -1,1 +1,1 @@
-"""What people ask of tests, and what they are told: commands, controllers, plans, alarms."""
+"""Operation of tests by people: commands, controllers, plans, alarms."""

@@ -46,7 +46,7 @@ class Alarm:
 
     @property
     def about(self) -> AlarmKind:
-        """What its kind means, and what to do."""
+        """Meaning and remedy of its kind."""
         return ALARM_KINDS[self.kind]
 
     @property

@@ -107,7 +107,7 @@ class SpooledStore(BypassedStore):
     # ---- writing ----
 
     def begin_test(self, new: NewTest) -> str:
-        """As `Store.begin_test`; a store that does not answer begins no test."""
+        """Do the same as `Store.begin_test`; a store that does not answer begins no test."""
         return self.ask(partial(super().begin_test, new))
 
     def begin_run(
@@ -117,14 +117,14 @@ class SpooledStore(BypassedStore):
         start_utc: datetime | str,
         start_clock_s: float | None = None,
     ) -> None:
-        """As `Store.begin_run`."""
+        """Do the same as `Store.begin_run`."""
         start = start_utc if isinstance(start_utc, str) else start_utc.isoformat()
         arguments = {"test_id": test_id, "number": int(number), "start_utc": start}
         arguments |= {"start_clock_s": start_clock_s}
         self.do_write(Operation(call="begin_run", arguments=arguments))
 
     def append(self, test_id: str, run: int, rows: Sequence[ReadingRow]) -> None:
-        """As `Store.append`."""
+        """Do the same as `Store.append`."""
         if not rows:
             return
         values = [reading_values(test_id, run, row) for row in rows]
@@ -141,7 +141,7 @@ class SpooledStore(BypassedStore):
         text: str,
         logged_utc: str | None = None,
     ) -> None:
-        """As `Store.log_event`; the moment tells events of the same words apart."""
+        """Do the same as `Store.log_event`; the moment tells events of the same words apart."""
         arguments = {"test_id": test_id, "run": run, "time_s": number_or_null(time_s)}
         arguments |= {"kind": kind, "text": text, "logged_utc": logged_utc or self.next_stamp()}
         self.do_write(Operation(call="log_event", arguments=arguments))
@@ -149,7 +149,7 @@ class SpooledStore(BypassedStore):
     def mark_schedule(
         self, test_id: str, run: int, mark: ScheduleMark, logged_utc: str | None = None
     ) -> None:
-        """As `Store.mark_schedule`."""
+        """Do the same as `Store.mark_schedule`."""
         arguments = {"test_id": test_id, "run": int(run), "mark": asdict(mark)}
         arguments |= {"logged_utc": logged_utc or self.next_stamp()}
         self.do_write(Operation(call="mark_schedule", arguments=arguments))
@@ -162,7 +162,7 @@ class SpooledStore(BypassedStore):
         flag: str = "superseded",
         attempt: int | None = None,
     ) -> int:
-        """As `Store.mark_attempt`; what was written by this object tells the number if need be."""
+        """Do the same as `Store.mark_attempt`; the number is counted here if the store is away."""
         arguments = {"test_id": test_id, "run": int(run), "segment": int(segment)}
         number = self.do_write(
             Operation(
@@ -177,26 +177,26 @@ class SpooledStore(BypassedStore):
         return max((a for *here, a in self._attempts if tuple(here) == place), default=0) + 1
 
     def finish_run(self, test_id: str, run: int, status: str) -> None:
-        """As `Store.finish_run`."""
+        """Do the same as `Store.finish_run`."""
         arguments = {"test_id": test_id, "run": int(run), "status": check_status(status)}
         self.do_write(Operation(call="finish_run", arguments=arguments))
 
     def finish_test(
         self, test_id: str, status: str, outcome: str, safe_result_json: str = ""
     ) -> None:
-        """As `Store.finish_test`; the claim is kept until the store knows of the end."""
+        """Do the same as `Store.finish_test`; the claim is kept until the store has the end."""
         arguments = {"test_id": test_id, "status": check_status(status), "outcome": outcome}
         arguments["safe_result_json"] = safe_result_json
         self.do_write(Operation(call="finish_test", arguments=arguments))
 
     def reopen_test(self, test_id: str) -> None:
-        """As `Store.reopen_test`; a store that does not answer resumes no test."""
+        """Do the same as `Store.reopen_test`; a store that does not answer resumes no test."""
         self.ask(partial(super().reopen_test, test_id))
 
     # ---- claims and reading: in the worker, within a bounded time ----
 
     def claim(self, test_id: str) -> HeldClaim:
-        """As `Store.claim`."""
+        """Do the same as `Store.claim`."""
         held = self.ask(partial(super().claim, test_id))
         if not self._worker.is_current:
             known = self.ask(partial(super().attempts, test_id))
@@ -204,38 +204,38 @@ class SpooledStore(BypassedStore):
         return held
 
     def is_claimed(self, test_id: str) -> bool:
-        """As `Store.is_claimed`."""
+        """Do the same as `Store.is_claimed`."""
         return self.ask(partial(super().is_claimed, test_id))
 
     def _release(self, test_id: str) -> None:
         self.ask(partial(super()._release, test_id))
 
     def test(self, test_id: str) -> TestRecord:
-        """As `Store.test`."""
+        """Do the same as `Store.test`."""
         return self.ask(partial(super().test, test_id))
 
     def tests(self) -> tuple[TestSummary, ...]:
-        """As `Store.tests`."""
+        """Do the same as `Store.tests`."""
         return self.ask(partial(super().tests))
 
     def events(self, test_id: str) -> tuple[EventRecord, ...]:
-        """As `Store.events`."""
+        """Do the same as `Store.events`."""
         return self.ask(partial(super().events, test_id))
 
     def last_schedule_mark(self, test_id: str, run: int) -> ScheduleMark | None:
-        """As `Store.last_schedule_mark`."""
+        """Do the same as `Store.last_schedule_mark`."""
         return self.ask(partial(super().last_schedule_mark, test_id, run))
 
     def last_reading(self, test_id: str, run: int) -> ReadingRow | None:
-        """As `Store.last_reading`."""
+        """Do the same as `Store.last_reading`."""
         return self.ask(partial(super().last_reading, test_id, run))
 
     def readings(self, test_id: str, run: int | None = None) -> pd.DataFrame:
-        """As `Store.readings`."""
+        """Do the same as `Store.readings`."""
         return self.ask(partial(super().readings, test_id, run))
 
     def checkpoint(self, tries: int = 1) -> bool:
-        """As `Store.checkpoint`."""
+        """Do the same as `Store.checkpoint`."""
         return self.ask(partial(super().checkpoint, tries))
 
     # ---- the ends ----
@@ -263,7 +263,7 @@ class SpooledStore(BypassedStore):
 
     @property
     def trouble(self) -> str:
-        """Why writes do not go into the store now; empty: they do. Never waits for anybody."""
+        """Reason why writes do not reach the store now; empty if they do. Never waits."""
         return "" if self._through.is_set() else self._why
 
     def note(self) -> str:
