@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
+from accelbench.panel.access.sessions import Sessions
 from accelbench.panel.actions import Actions
-from accelbench.panel.sessions import Sessions
 from accelbench.panel.settings import PanelSettings
 from accelbench.panel.watch import StoreWatch
 

@@ -10,9 +10,9 @@ from importlib.resources import files
 from nicegui import ui
 from starlette.requests import Request
 
+from accelbench.panel.access.sessions import Visitor
+from accelbench.panel.access.users import may
 from accelbench.panel.context import PanelContext
-from accelbench.panel.sessions import Visitor
-from accelbench.panel.users import may
 from accelbench.panel.watch import Snapshot
 from accelbench.panel.work import in_thread, tell
 

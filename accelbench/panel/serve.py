@@ -10,16 +10,16 @@ import uvicorn
 from fastapi import FastAPI
 from nicegui import ui
 
+from accelbench.panel.access.guard import Guard
+from accelbench.panel.access.login import add_login
+from accelbench.panel.access.sessions import Sessions, Visitor
+from accelbench.panel.access.users import read_users
 from accelbench.panel.actions import Actions
 from accelbench.panel.context import PanelContext
 from accelbench.panel.downloads import add_downloads
-from accelbench.panel.guard import Guard
-from accelbench.panel.login import add_login
 from accelbench.panel.pages import alarms, history, live, plan, queue, results, tests
 from accelbench.panel.runner_process import RunnerProcess
-from accelbench.panel.sessions import Sessions, Visitor
 from accelbench.panel.settings import LOOPBACK, PanelSettings
-from accelbench.panel.users import read_users
 from accelbench.panel.watch import StoreWatch
 from errormodel.errors import InputError
 from thermo.store.store import open_store

@@ -63,7 +63,7 @@ def panel(**given: Any) -> None:
 def panel_user(**given: Any) -> None:
     """Add a user to a file of users, or give one a new password and role.
 
-    The password is kept as an Argon2 hash. In Python: accelbench.panel.users.add_user.
+    The password is kept as an Argon2 hash. In Python: accelbench.panel.access.users.add_user.
     """
     from accelbench.commands.panel.work import panel_user as work
 

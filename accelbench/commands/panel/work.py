@@ -59,7 +59,7 @@ def panel_user(
 ) -> None:
     """Carry out `accelbench panel-user`; the arguments are its options."""
     try:
-        from accelbench.panel.users import add_user as add
+        from accelbench.panel.access.users import add_user as add
     except ModuleNotFoundError:
         raise WorkbenchError(NEEDED) from None
     add(users, name, role, password)

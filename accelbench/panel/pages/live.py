@@ -6,13 +6,13 @@ from typing import Any
 from nicegui import ui
 from starlette.requests import Request
 
+from accelbench.panel.access.sessions import Visitor
+from accelbench.panel.access.users import may
 from accelbench.panel.charts import output_chart, rate_chart, temperature_chart
 from accelbench.panel.context import PanelContext
 from accelbench.panel.followed import FollowedTest
 from accelbench.panel.frame import figure, frame, local_time, table
 from accelbench.panel.pages.tests import STATUS, temperature
-from accelbench.panel.sessions import Visitor
-from accelbench.panel.users import may
 from accelbench.panel.work import in_thread, tell
 from thermo.planning.text import duration_text
 from thermo.station.observers.live import LiveValue

@@ -6,14 +6,14 @@ from html import escape
 from nicegui import events, ui
 from starlette.requests import Request
 
+from accelbench.panel.access.sessions import Visitor
+from accelbench.panel.access.users import may
 from accelbench.panel.actions import Outcome
 from accelbench.panel.charts import plan_chart
 from accelbench.panel.context import PanelContext
 from accelbench.panel.folders import MOST_BYTES
 from accelbench.panel.form import FIELDS, sequence_text
 from accelbench.panel.frame import figure, frame, local_time
-from accelbench.panel.sessions import Visitor
-from accelbench.panel.users import may
 from accelbench.panel.work import in_thread, tell
 from accelbench.shell.foreseen_plan import foresee_plan, plan_text
 from errormodel.errors import WorkbenchError

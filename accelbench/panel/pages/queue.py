@@ -6,10 +6,10 @@ from html import escape
 from nicegui import ui
 from starlette.requests import Request
 
+from accelbench.panel.access.sessions import Visitor
+from accelbench.panel.access.users import may
 from accelbench.panel.context import PanelContext
 from accelbench.panel.frame import frame, local_time, table
-from accelbench.panel.sessions import Visitor
-from accelbench.panel.users import may
 from accelbench.panel.work import in_thread, tell
 from thermo.launch.arming import Check
 from thermo.store.operation.commands import Command

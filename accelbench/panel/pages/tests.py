@@ -7,11 +7,11 @@ from typing import cast
 from nicegui import ui
 from starlette.requests import Request
 
+from accelbench.panel.access.sessions import Visitor
+from accelbench.panel.access.users import may
 from accelbench.panel.context import PanelContext
 from accelbench.panel.frame import frame, local_time, table
 from accelbench.panel.jobs import KINDS
-from accelbench.panel.sessions import Visitor
-from accelbench.panel.users import may
 from accelbench.panel.watch import Snapshot
 from accelbench.panel.work import in_thread, tell
 from thermo.planning.text import duration_text

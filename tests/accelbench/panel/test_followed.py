@@ -48,7 +48,7 @@ def test_a_test_read_piece_by_piece_is_the_stored_one(stored, monkeypatch) -> No
 
 def test_pages_read_while_the_lines_grow(stored, monkeypatch) -> None:
     store, test_id = stored
-    monkeypatch.setattr(follow, "PIECE", 3)
+    monkeypatch.setattr(follow, "PIECE", 12)
     test, stop, problems = FollowedTest(store, test_id), threading.Event(), []
 
     def read() -> None:
@@ -56,10 +56,11 @@ def test_pages_read_while_the_lines_grow(stored, monkeypatch) -> None:
             try:
                 test.line("QA-001")
                 test.rate()
+                stop.wait(0.001)
             except Exception as err:
                 problems.append(err)
 
-    readers = [threading.Thread(target=read) for _ in range(3)]
+    readers = [threading.Thread(target=read) for _ in range(2)]
     for one in readers:
         one.start()
     read_all(test, store)

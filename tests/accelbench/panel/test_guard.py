@@ -7,17 +7,17 @@ import pytest
 
 pytest.importorskip("argon2", reason="pip install 'accelbench[panel]' has the page tested")
 
-from accelbench.panel.folders import TomlFolder
-from accelbench.panel.guard import MOST_BODY, Guard
-from accelbench.panel.sessions import IDLE_S, LONGEST_S, NotAllowedError, Sessions, Visitor
-from accelbench.panel.settings import PanelSettings
-from accelbench.panel.users import (
+from accelbench.panel.access.guard import MOST_BODY, Guard
+from accelbench.panel.access.sessions import IDLE_S, LONGEST_S, NotAllowedError, Sessions, Visitor
+from accelbench.panel.access.users import (
     LONGEST_WAIT_S,
     LoginLimit,
     add_user,
     check_password,
     read_users,
 )
+from accelbench.panel.folders import TomlFolder
+from accelbench.panel.settings import PanelSettings
 from errormodel.errors import InputError
 
 HOST = "127.0.0.1:8300"

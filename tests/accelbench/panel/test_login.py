@@ -6,7 +6,7 @@ import pytest
 
 pytest.importorskip("argon2", reason="pip install 'accelbench[panel]' has the page tested")
 
-from accelbench.panel.users import add_user
+from accelbench.panel.access.users import add_user
 from tests.accelbench.panel.conftest import Served, until
 from thermo.launch.runner import CLAIM
 from thermo.store.operation.alarms import raise_alarm

@@ -17,7 +17,7 @@ from thermo.store.store import open_store
 PAGES = ("/", "/plan", "/queue", "/alarms", "/results", "/history")
 
 
-def begin(page, speed: str = "60") -> str:
+def begin(page, speed: str = "20") -> str:
     """Plan, arm and start a test through the page, and return its id."""
     page.goto("/plan")
     page.get_by_label("Time multiple").fill(speed)

@@ -47,10 +47,8 @@ def names(d: Discrepancy) -> set[str]:
     return {e.name for e in d.effects} | {n for s in d.alias_sets for n in s}
 
 
-@pytest.mark.parametrize(
-    "name",
-    ["bias_hysteresis", *(pytest.param(n, marks=pytest.mark.slow) for n in list(SINGLE)[1:])],
-)
+@pytest.mark.slow  # a loop by default from the files, in the tests of the commands
+@pytest.mark.parametrize("name", list(SINGLE))
 def test_a_hidden_effect_is_named_with_its_size(name: str) -> None:
     hidden, parameter, truth = SINGLE[name]
     d = found(1, hidden)

@@ -104,7 +104,10 @@ def test_people_are_told_sigmas_in_the_units_of_a_calibration(call, short) -> No
         told = rows[name]
         assert told[0] == unit
         # three digits are told
-        assert float(told[1]) == pytest.approx(si["parameters"][name]["sigma"] / size, rel=6e-3)
+        assert float(told[1]) == pytest.approx(
+            si["parameters"][name]["sigma"] / size,
+            rel=0.05,  # a sigma is told with two digits
+        )
 
 
 def test_a_simulated_run_is_read_back_and_holds_what_the_file_says(call, short, tmp_path) -> None:

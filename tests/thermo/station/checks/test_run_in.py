@@ -34,9 +34,8 @@ def limited(within=15.0, **keys):
 
 # within 15 µg it takes some twenty cycles and within 40 µg fifteen; to decide after a cycle takes
 # as long as to run it
-@pytest.mark.parametrize(
-    ("within", "first"), [(40.0, 12), pytest.param(15.0, 4, marks=pytest.mark.slow)]
-)
+@pytest.mark.slow  # through the command by default, tests/accelbench/commands/run_in
+@pytest.mark.parametrize(("within", "first"), [(40.0, 12), (15.0, 4)])
 def test_it_stops_by_itself_as_soon_as_the_stored_readings_say_so(
     station, store, world, within, first
 ):

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from http.cookies import CookieError, SimpleCookie
 from typing import Any
 
-from accelbench.panel.sessions import COOKIE, Sessions
+from accelbench.panel.access.sessions import COOKIE, Sessions
 
 Message = MutableMapping[str, Any]
 Scope = MutableMapping[str, Any]

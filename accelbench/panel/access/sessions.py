@@ -5,7 +5,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from accelbench.panel.users import Role, may
+from accelbench.panel.access.users import Role, may
 from errormodel.errors import WorkbenchError
 
 COOKIE = "accelbench_session"

@@ -10,12 +10,12 @@ from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import HTMLResponse, RedirectResponse, Response
 
-from accelbench.panel.actions import ActionLog
+from accelbench.panel.access.sessions import COOKIE, LONGEST_S, Sessions
+from accelbench.panel.access.users import LoginLimit, UserFile, check_password
+from accelbench.panel.action_log import ActionLog
 from accelbench.panel.frame import CSS
-from accelbench.panel.sessions import COOKIE, LONGEST_S, Sessions
-from accelbench.panel.users import LoginLimit, UserFile, check_password
 
-PAGE = Template(files("accelbench.panel").joinpath("login.html").read_text(encoding="utf-8"))
+PAGE = Template(files("accelbench.panel.access").joinpath("login.html").read_text(encoding="utf-8"))
 MOST_FORM = 10_000  # bytes
 
 
